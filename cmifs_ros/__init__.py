@@ -1,0 +1,1 @@
+"""Sensor-subset selection for robots that learn, by conditional mutual information."""

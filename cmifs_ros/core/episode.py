@@ -1,0 +1,106 @@
+"""One episode of experience: what the robot saw and what it was paid."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True, eq=False)
+class Episode:
+    """States and rewards of one episode, checked and read-only.
+
+    Parameters
+    ----------
+    states : array_like, shape (T, v)
+        The v channel values before each of the T steps.
+    rewards : array_like, shape (T,)
+        ``rewards[t]`` is the reward of the step taken from ``states[t]``.
+
+    Raises
+    ------
+    ValueError
+        If a shape is wrong, the episode is empty, or a value is not finite.
+
+    """
+
+    states: np.ndarray
+    rewards: np.ndarray
+
+    def __post_init__(self):
+        states = np.array(self.states, dtype=np.float64)
+        rewards = np.array(self.rewards, dtype=np.float64)
+        if states.ndim != 2 or 0 in states.shape:
+            raise ValueError(
+                f'states has shape {states.shape}; expected (steps, channels), neither of them 0'
+            )
+        if rewards.shape != states.shape[:1]:
+            raise ValueError(
+                f'rewards has shape {rewards.shape}; expected {states.shape[:1]}, '
+                'one reward for each state'
+            )
+        for what, values in (('states', states), ('rewards', rewards)):
+            bad = np.argwhere(~np.isfinite(values))
+            if len(bad):
+                where = tuple(int(i) for i in bad[0])
+                raise ValueError(
+                    f'{what}[{", ".join(map(str, where))}] is {values[where]}; '
+                    'expected finite numbers'
+                )
+        for name, values in (('states', states), ('rewards', rewards)):
+            values.setflags(write=False)
+            object.__setattr__(self, name, values)
+
+    def __len__(self) -> int:
+        """Return the number of steps T."""
+        return len(self.rewards)
+
+    @property
+    def num_channels(self) -> int:
+        """Number of channels v of the state."""
+        return self.states.shape[1]
+
+    @property
+    def nbytes(self) -> int:
+        """Memory held by the arrays, in bytes."""
+        return self.states.nbytes + self.rewards.nbytes
+
+
+def as_episodes(data: Iterable[Episode] | tuple[np.ndarray, np.ndarray]) -> list[Episode]:
+    """Return a list of episodes with the same channels.
+
+    Parameters
+    ----------
+    data : iterable of Episode, or a pair of arrays of shapes (M, N, v) and (M, N)
+        The pair holds the states and the rewards of M episodes of N steps.
+
+    Raises
+    ------
+    ValueError
+        If there is no episode, or the episodes differ in their number of channels.
+
+    """
+    if isinstance(data, tuple) and len(data) == 2 and not isinstance(data[0], Episode):
+        states, rewards = (np.asarray(part) for part in data)
+        if states.ndim != 3 or rewards.shape != states.shape[:2]:
+            raise ValueError(
+                f'the pair of arrays has shapes {states.shape} and {rewards.shape}; '
+                'expected (episodes, steps, channels) and (episodes, steps)'
+            )
+        episodes = [Episode(s, r) for s, r in zip(states, rewards, strict=True)]
+    else:
+        episodes = list(data)
+        for i, episode in enumerate(episodes):
+            if not isinstance(episode, Episode):
+                raise ValueError(f'episode {i} is a {type(episode).__name__}; expected an Episode')
+    if not episodes:
+        raise ValueError('there are 0 episodes; expected at least one')
+    for i, episode in enumerate(episodes):
+        if episode.num_channels != episodes[0].num_channels:
+            raise ValueError(
+                f'episode {i} has {episode.num_channels} channels; '
+                f'expected {episodes[0].num_channels} as in episode 0'
+            )
+    return episodes

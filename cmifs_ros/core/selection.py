@@ -1,0 +1,57 @@
+"""One selection as a job: settings and episodes in, a plain result out."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from .episode import Episode
+from .selector import ConditionalMISelector
+
+
+@dataclass(frozen=True)
+class Selection:
+    """What was selected, and on what evidence.
+
+    Attributes
+    ----------
+    indices : tuple of int
+        Selected channels, best sensor first.
+    names : tuple of str
+        Their names.
+    ranking : tuple of str
+        Names of all sensors that were ranked, best first.
+    scores : tuple of float
+        The criterion of the first 1, 2, ... sensors of the ranking.
+    episodes, steps : int
+        Size of the data it rests on.
+    seconds : float
+        Computing time.
+
+    """
+
+    indices: tuple[int, ...]
+    names: tuple[str, ...]
+    ranking: tuple[str, ...]
+    scores: tuple[float, ...]
+    episodes: int
+    steps: int
+    seconds: float
+
+
+def select(
+    episodes: Sequence[Episode], channel_names: Sequence[str], settings: dict
+) -> Selection:
+    """Fit a `ConditionalMISelector` of the given settings and return what it found."""
+    start = time.perf_counter()
+    selector = ConditionalMISelector(**settings).fit(episodes, names=channel_names)
+    return Selection(
+        indices=tuple(selector.get_support(indices=True).tolist()),
+        names=tuple(selector.get_feature_names_out()),
+        ranking=tuple(selector.sensor_names_[i] for i in selector.ranking_),
+        scores=tuple(selector.scores_.tolist()),
+        episodes=len(episodes),
+        steps=sum(map(len, episodes)),
+        seconds=time.perf_counter() - start,
+    )

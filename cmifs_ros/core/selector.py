@@ -1,0 +1,242 @@
+"""The selector: scikit-learn's manners around the conditional-MI search."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from .conditional_mi import ConditionalMI
+from .episode import as_episodes
+from .lsmi import Lsmi
+from .search import DIRECTIONS, Sensor, backward_elimination, channels, forward_selection
+
+
+class ConditionalMISelector:
+    """Select the sensors that the return depends on, also through several time steps.
+
+    Parameters
+    ----------
+    num_features : int, optional
+        How many sensors to select. None takes as many as maximise the criterion, none at all
+        if no score is above 0, the score of the empty set.
+    gamma : float
+        Discount factor of the return, 0 < gamma <= 1.
+    criterion : {'held_out', 'plug_in'}
+        See `Lsmi`.
+    standardize : bool
+        Scale channels and returns over all samples.
+    direction : {'forward', 'backward'}
+        Forward selection, or backward elimination (which always ranks every sensor).
+    groups : mapping of str to sequence of (str or int), optional
+        Sensors that deliver several channels: name to channel names or indices. A channel in
+        no group is a sensor by itself. Sensors are added and removed whole.
+    max_time_bins : int, optional
+        Longer episodes have neighbouring steps pooled into this many bins; None never pools.
+    num_centers : int, optional
+        Greatest number of kernel centres in a step; None takes all samples.
+    random_state : int
+        Seed. The same seed and data give the same result bit for bit on one machine.
+    n_jobs : int
+        Threads. The linear algebra library may use more of its own.
+
+    Attributes
+    ----------
+    ranking_ : numpy.ndarray of int
+        Indices of all sensors that were ranked, best first; without groups, of channels.
+    scores_ : numpy.ndarray, same length
+        The criterion of the first 1, 2, ... sensors of the ranking.
+    sensor_names_ : tuple of str
+        Names of the sensors that `ranking_` counts.
+    num_features_ : int
+        Number of sensors selected: the first of the ranking.
+    feature_names_in_ : tuple of str
+        Names of the channels.
+
+    Notes
+    -----
+    Hachiya & Sugiyama, Feature Selection for Reinforcement Learning: Evaluating Implicit
+    State-Reward Dependency via Conditional Mutual Information, 2010.
+
+    """
+
+    def __init__(
+        self,
+        num_features: int | None = None,
+        *,
+        gamma: float = 0.95,
+        criterion: str = 'held_out',
+        standardize: bool = True,
+        direction: str = 'forward',
+        groups: Mapping[str, Sequence[str | int]] | None = None,
+        max_time_bins: int | None = 32,
+        num_centers: int | None = 200,
+        random_state: int = 0,
+        n_jobs: int = 1,
+    ):
+        self.num_features = num_features
+        self.gamma = gamma
+        self.criterion = criterion
+        self.standardize = standardize
+        self.direction = direction
+        self.groups = groups
+        self.max_time_bins = max_time_bins
+        self.num_centers = num_centers
+        self.random_state = random_state
+        self.n_jobs = n_jobs
+
+    @classmethod
+    def paper(cls, num_features: int | None = None, **options) -> ConditionalMISelector:
+        """Return a selector set as in the paper: raw features, Equation (10), B = M, all steps."""
+        paper = {
+            'criterion': 'plug_in',
+            'standardize': False,
+            'max_time_bins': None,
+            'num_centers': None,
+        }
+        return cls(num_features, **(paper | options))
+
+    def fit(self, episodes, names: Sequence[str] | None = None) -> ConditionalMISelector:
+        """Rank the sensors and select the best.
+
+        Parameters
+        ----------
+        episodes : iterable of Episode, or a pair of arrays of shapes (M, N, v) and (M, N)
+            At least 2 episodes.
+        names : sequence of str, optional
+            One name for each channel; x0, x1, ... by default.
+
+        Raises
+        ------
+        ValueError
+            If a parameter or the data are not as described; the message names the value.
+
+        """
+        episodes = as_episodes(episodes)
+        if len(episodes) < 2:
+            raise ValueError('there is 1 episode; expected at least 2 to compare')
+        names = _checked_names(names, episodes[0].num_channels)
+        sensor_names, sensors = _sensors(names, self.groups or {})
+        self._check_parameters(len(sensors))
+
+        criterion = ConditionalMI(
+            episodes,
+            Lsmi(criterion=self.criterion, num_centers=self.num_centers),
+            gamma=self.gamma,
+            standardize=self.standardize,
+            max_time_bins=self.max_time_bins,
+            random_state=self.random_state,
+            n_jobs=self.n_jobs,
+        )
+        if self.direction == 'forward':
+            count = len(sensors) if self.num_features is None else self.num_features
+            ranking, scores = forward_selection(criterion, sensors, count)
+        else:
+            ranking, scores = backward_elimination(criterion, sensors)
+
+        self.feature_names_in_ = names
+        self.sensor_names_ = sensor_names
+        self.ranking_ = np.array(ranking)
+        self.scores_ = np.array(scores)
+        if self.num_features is None:
+            self.num_features_ = int(np.argmax([0.0, *scores]))
+        else:
+            self.num_features_ = self.num_features
+        self._support = np.array(channels(sensors, ranking[: self.num_features_]), dtype=int)
+        return self
+
+    def get_support(self, indices: bool = False) -> np.ndarray:
+        """Return the selected channels.
+
+        Parameters
+        ----------
+        indices : bool
+            True gives their indices, best sensor first; False a mask of shape (v,).
+
+        """
+        self._check_fitted()
+        if indices:
+            return self._support.copy()
+        mask = np.zeros(len(self.feature_names_in_), dtype=bool)
+        mask[self._support] = True
+        return mask
+
+    def transform(self, states: np.ndarray) -> np.ndarray:
+        """Return the selected channels of states (..., v), best sensor first: (..., k)."""
+        self._check_fitted()
+        states = np.asarray(states)
+        if states.ndim == 0 or states.shape[-1] != len(self.feature_names_in_):
+            raise ValueError(
+                f'states has shape {states.shape}; expected '
+                f'{len(self.feature_names_in_)} channels along the last axis'
+            )
+        return states[..., self._support]
+
+    def get_feature_names_out(self) -> np.ndarray:
+        """Return the names of the channels that `transform` gives, in its order."""
+        self._check_fitted()
+        return np.array([self.feature_names_in_[i] for i in self._support], dtype=object)
+
+    def _check_fitted(self):
+        if not hasattr(self, 'ranking_'):
+            raise RuntimeError('the selector is not fitted yet; call fit() first')
+
+    def _check_parameters(self, num_sensors: int):
+        if self.num_features is not None and not 1 <= self.num_features <= num_sensors:
+            raise ValueError(
+                f'num_features is {self.num_features}; expected 1 to {num_sensors}, '
+                'the number of sensors, or None'
+            )
+        if self.direction not in DIRECTIONS:
+            raise ValueError(
+                f'direction is {self.direction!r}; expected one of {", ".join(DIRECTIONS)}'
+            )
+        if self.max_time_bins is not None and self.max_time_bins < 1:
+            raise ValueError(f'max_time_bins is {self.max_time_bins}; expected at least 1, or None')
+        if self.n_jobs < 1:
+            raise ValueError(f'n_jobs is {self.n_jobs}; expected at least 1')
+
+
+def _checked_names(names: Sequence[str] | None, num_channels: int) -> tuple[str, ...]:
+    if names is None:
+        return tuple(f'x{i}' for i in range(num_channels))
+    names = tuple(names)
+    if len(names) != num_channels:
+        raise ValueError(f'there are {len(names)} names; expected {num_channels}, one a channel')
+    for name in names:
+        if not name or names.count(name) > 1:
+            raise ValueError(f'channel name {name!r} is empty or repeated; expected distinct names')
+    return names
+
+
+def _sensors(
+    names: tuple[str, ...], groups: Mapping[str, Sequence[str | int]]
+) -> tuple[tuple[str, ...], list[Sensor]]:
+    """Return the names and the channels of all sensors, in the order of their first channels."""
+    grouped: dict[int, str] = {}
+    sensors: dict[str, Sensor] = {}
+    for group, members in groups.items():
+        indices = []
+        for member in members:
+            index = names.index(member) if member in names else member
+            if not isinstance(index, int) or not 0 <= index < len(names):
+                raise ValueError(
+                    f'group {group!r} names channel {member!r}; expected one of {", ".join(names)}'
+                )
+            if index in grouped:
+                raise ValueError(
+                    f'channel {names[index]!r} is in the groups {grouped[index]!r} and {group!r}; '
+                    'expected one group'
+                )
+            grouped[index] = group
+            indices.append(index)
+        if not indices:
+            raise ValueError(f'group {group!r} is empty; expected at least one channel')
+        sensors[group] = tuple(indices)
+    for index, name in enumerate(names):
+        if index not in grouped:
+            if name in sensors:
+                raise ValueError(f'{name!r} names a group and a channel outside it; rename one')
+            sensors[name] = (index,)
+    ordered = sorted(sensors.items(), key=lambda item: item[1][0])
+    return tuple(name for name, _ in ordered), [channels_ for _, channels_ in ordered]

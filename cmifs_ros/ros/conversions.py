@@ -1,0 +1,123 @@
+"""Messages to plain values and back. No state, no node."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+from builtin_interfaces.msg import Time
+from nav_msgs.msg import OccupancyGrid
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Header, Int32MultiArray, MultiArrayDimension
+from visualization_msgs.msg import Marker, MarkerArray
+
+from .transitions import RewardSample
+
+NANOSECONDS = 1_000_000_000
+
+
+def stamp_to_nanoseconds(stamp: Time) -> int:
+    """Return a stamp as nanoseconds."""
+    return stamp.sec * NANOSECONDS + stamp.nanosec
+
+
+def stamp_from_nanoseconds(nanoseconds: int) -> Time:
+    """Return nanoseconds, at least 0, as a stamp."""
+    sec, nanosec = divmod(nanoseconds, NANOSECONDS)
+    return Time(sec=sec, nanosec=nanosec)
+
+
+def named_values(msg: JointState) -> tuple[tuple[str, ...], np.ndarray]:
+    """Return the names and the positions of a message, as they are: lengths may differ."""
+    return tuple(msg.name), np.array(msg.position, dtype=np.float64)
+
+
+def named_values_to_msg(header: Header, names: Iterable[str], values: Iterable[float]):
+    """Return a JointState with the given names and positions."""
+    return JointState(header=header, name=list(names), position=[float(v) for v in values])
+
+
+def reward_sample(msg: JointState) -> RewardSample:
+    """Read a `reward` message; only the field `reward` is required.
+
+    Raises
+    ------
+    ValueError
+        If lengths differ, `reward` is missing, or a field is not finite.
+
+    """
+    names, values = named_values(msg)
+    if len(names) != len(values):
+        raise ValueError(f'{len(values)} positions for {len(names)} names; expected as many')
+    fields = dict(zip(names, values.tolist(), strict=True))
+    if 'reward' not in fields:
+        raise ValueError(f'fields are {", ".join(names) or "none"}; expected reward among them')
+    for name, value in fields.items():
+        if not np.isfinite(value):
+            raise ValueError(f'{name} is {value}; expected a finite number')
+    return RewardSample(
+        reward=fields['reward'],
+        terminated=_optional(fields.get('terminated'), bool),
+        truncated=_optional(fields.get('truncated'), bool),
+        episode=_optional(fields.get('episode'), int),
+        step=_optional(fields.get('step'), int),
+    )
+
+
+def _optional(value, convert):
+    return None if value is None else convert(value)
+
+
+def reward_sample_to_msg(header: Header, sample: RewardSample, action: int) -> JointState:
+    """Return a `reward` message with all its fields."""
+    fields = {
+        'reward': sample.reward,
+        'action': action,
+        'terminated': sample.terminated,
+        'truncated': sample.truncated,
+        'episode': sample.episode,
+        'step': sample.step,
+    }
+    return named_values_to_msg(header, fields, fields.values())
+
+
+def indices_to_msg(indices: Sequence[int]) -> Int32MultiArray:
+    """Return channel indices, in their order."""
+    msg = Int32MultiArray(data=[int(i) for i in indices])
+    msg.layout.dim = [MultiArrayDimension(label='channel', size=len(indices), stride=len(indices))]
+    return msg
+
+
+def grid_to_msg(header: Header, walls: np.ndarray, gravel: np.ndarray) -> OccupancyGrid:
+    """Return the world as a map: walls 100, gravel 50, free 0.
+
+    The centre of the cell in column c and row r, both from 1, stands at x = c, y = r metres.
+
+    Parameters
+    ----------
+    header : Header
+    walls, gravel : numpy.ndarray of bool, shape (columns, rows)
+
+    """
+    cells = np.where(walls, 100, np.where(gravel, 50, 0))
+    msg = OccupancyGrid(header=header, data=[int(c) for c in cells.T.ravel()])
+    msg.info.map_load_time = header.stamp
+    msg.info.resolution = 1.0
+    msg.info.width, msg.info.height = cells.shape
+    msg.info.origin.position.x = msg.info.origin.position.y = 0.5
+    msg.info.origin.orientation.w = 1.0
+    return msg
+
+
+def robot_to_msg(header: Header, column: int, row: int, battery: int) -> MarkerArray:
+    """Return the robot as a sphere with its battery level written above."""
+    body = Marker(header=header, ns='robot', id=0, type=Marker.SPHERE)
+    text = Marker(header=header, ns='robot', id=1, type=Marker.TEXT_VIEW_FACING)
+    text.text = f'battery {battery}'
+    for marker, height, size in ((body, 0.5, 0.7), (text, 1.5, 0.5)):
+        marker.pose.position.x, marker.pose.position.y = float(column), float(row)
+        marker.pose.position.z = height
+        marker.pose.orientation.w = 1.0
+        marker.scale.x = marker.scale.y = marker.scale.z = size
+        marker.color.r, marker.color.g, marker.color.b, marker.color.a = 0.1, 0.4, 0.9, 1.0
+    return MarkerArray(markers=[body, text])

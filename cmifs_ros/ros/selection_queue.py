@@ -1,0 +1,122 @@
+"""Requests for selections, answered by as few computations as possible."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
+
+from rclpy.task import Future
+
+from cmifs_ros.core.selection import Selection, select
+
+from .worker import WorkerProcess
+
+
+@dataclass(frozen=True)
+class Job:
+    """The arguments of `select`, and the revision of the data and settings they were taken at."""
+
+    revision: int
+    arguments: tuple
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """A selection, or the reason why there is none."""
+
+    selection: Selection | None = None
+    error: str = ''
+
+
+class RefusedError(Exception):
+    """No selection can be started; the message says why."""
+
+
+class SelectionQueue:
+    """Run one selection at a time and give its outcome to everyone who asked for it.
+
+    A request made while a job runs joins that job if nothing has changed since it started,
+    and else the next one.
+
+    Parameters
+    ----------
+    make_job : callable
+        Returns the job that the newest data and settings call for; may raise `RefusedError`.
+    current_revision : callable
+        Returns the revision that `make_job` would put on a job now.
+    on_outcome : callable
+        Called with each outcome, before those who asked for it get it.
+
+    """
+
+    def __init__(
+        self,
+        make_job: Callable[[], Job],
+        current_revision: Callable[[], int],
+        on_outcome: Callable[[Outcome], None],
+    ):
+        self._make_job = make_job
+        self._current_revision = current_revision
+        self._on_outcome = on_outcome
+        self._worker = WorkerProcess()
+        self._running_revision: int | None = None
+        self._joined: list[Future] = []
+        self._waiting: list[Future] = []
+
+    @property
+    def busy(self) -> bool:
+        """Whether a selection is under way."""
+        return self._worker.busy
+
+    @property
+    def worker_pid(self) -> int | None:
+        """Process id of the worker, or None when none runs."""
+        return self._worker.pid
+
+    def request(self) -> Future:
+        """Ask for a selection; the future gives an `Outcome`."""
+        future = Future()
+        if self.busy and self._running_revision == self._current_revision():
+            self._joined.append(future)
+        else:
+            self._waiting.append(future)
+            self._start_next()
+        return future
+
+    def poll(self) -> None:
+        """Collect a finished selection and start the next one. Never blocks."""
+        finished = self._worker.outcome()
+        if finished is not None:
+            error = finished.exception()
+            if error is None:
+                outcome = Outcome(finished.result())
+            elif isinstance(error, BrokenProcessPool):
+                outcome = Outcome(error='the worker process died during the selection')
+            else:
+                outcome = Outcome(error=str(error))
+            joined, self._joined = self._joined, []
+            self._answer(joined, outcome)
+        self._start_next()
+
+    def stop(self) -> None:
+        """End the worker process at once."""
+        self._worker.stop()
+
+    def _start_next(self) -> None:
+        if self.busy or not self._waiting:
+            return
+        waiting, self._waiting = self._waiting, []
+        try:
+            job = self._make_job()
+        except RefusedError as error:
+            self._answer(waiting, Outcome(error=str(error)))
+            return
+        self._worker.submit(select, *job.arguments)
+        self._running_revision = job.revision
+        self._joined = waiting
+
+    def _answer(self, futures: list[Future], outcome: Outcome) -> None:
+        self._on_outcome(outcome)
+        for future in futures:
+            future.set_result(outcome)

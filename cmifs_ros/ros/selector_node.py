@@ -1,0 +1,388 @@
+"""The selector node: collects episodes, selects sensors, republishes only those."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+import sys
+import time
+from collections import Counter
+
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Header, Int32MultiArray
+from std_srvs.srv import Trigger
+from diagnostic_msgs.msg import DiagnosticArray
+
+from cmifs_ros.core import CRITERIA, DIRECTIONS, Episode, EpisodeBuffer
+from cmifs_ros.core.selection import Selection
+
+from . import conversions, diagnostics
+from .parameters import Spec, declare
+from .run_node import run_node
+from .selection_queue import Job, Outcome, RefusedError, SelectionQueue
+from .transitions import EpisodeAssembler
+
+STREAM_QOS = QoSProfile(depth=1000)
+LATCHED_QOS = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+#: Seconds between looks at the worker.
+_POLL_PERIOD = 0.1
+#: Seconds between two warnings of dropped messages.
+_WARNING_PERIOD = 10.0
+#: Seconds without a state after which the input counts as silent.
+_SILENCE = 5.0
+
+PARAMETERS = (
+    Spec('num_features', 0, 'Sensors to select; 0 decides automatically.', (0, 10_000)),
+    Spec('gamma', 0.95, 'Discount factor of the return.', (1e-6, 1)),
+    Spec('criterion', 'held_out', 'Estimate of the mutual information.', choices=CRITERIA),
+    Spec('standardize', True, 'Scale channels and returns to mean 0 and spread 1.'),
+    Spec('direction', 'forward', 'Search: forward selection or backward elimination.',
+         choices=DIRECTIONS),
+    Spec('sensor_groups', '',
+         'Sensors of several channels, selected as a whole: "pose=x,y; lidar=l0,l1,l2".'),
+    Spec('min_episodes', 20, 'Episodes needed for a selection.', (2, 100_000)),
+    Spec('max_episodes', 100, 'Episodes kept; the oldest leave first.', (2, 100_000)),
+    Spec('max_episode_steps', 1000, 'A longer episode is closed at this step.', (1, 1_000_000)),
+    Spec('selection_period', 30.0, 'Seconds between selections; 0 selects by service only.',
+         (0, 1e6)),
+    Spec('max_time_bins', 32, 'Longer episodes have neighbouring steps pooled; 0 never pools.',
+         (0, 10_000)),
+    Spec('random_state', 0, 'Seed of the folds and kernel centres.', (0, 2**31 - 1)),
+    Spec('worker_threads', 2, 'Threads that compute a selection.', (1, 64)),
+    Spec('pass_through_until_selected', True,
+         'Republish all channels before the first selection, in place of none.'),
+)  # fmt: skip
+
+
+class SelectorNode(Node):
+    """Publish the sensors that the return depends on, and the state reduced to them."""
+
+    def __init__(self):
+        super().__init__('selector')
+        self._settings = declare(self, PARAMETERS, check_parameters, self._apply_parameters)
+        self._buffer = EpisodeBuffer(self._settings['max_episodes'])
+        self._assembler = EpisodeAssembler(self._settings['max_episode_steps'])
+        self._queue = SelectionQueue(self._make_job, lambda: self._revision, self._on_outcome)
+        self._revision = 0  # counts changes of the episodes and the settings
+        self._attempted_revision = 0
+        self._selection: Selection | None = None
+        self._selected_at = -math.inf
+        self._last_error = ''
+        self._last_state_at = -math.inf
+        self._relay_names: tuple[str, ...] | None = None
+        self._relay_columns: list[int] | None = None
+        self._is_reward_announced = False
+        self._warned_at = -math.inf
+        self._warned_drops: Counter[str] = Counter()
+
+        self._indices_publisher = self.create_publisher(
+            Int32MultiArray, 'selected_indices', LATCHED_QOS
+        )
+        self._scores_publisher = self.create_publisher(JointState, 'scores', LATCHED_QOS)
+        self._state_publisher = self.create_publisher(JointState, 'selected_state', STREAM_QOS)
+        self._diagnostics_publisher = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        self.create_subscription(JointState, 'state', self._on_state, STREAM_QOS)
+        self.create_subscription(JointState, 'reward', self._on_reward, STREAM_QOS)
+        # A call waits for its selection; in a group of its own it holds up nothing.
+        self.create_service(
+            Trigger,
+            'select_features',
+            self._on_select_features,
+            callback_group=ReentrantCallbackGroup(),
+        )
+        self.create_service(Trigger, '~/clear_episodes', self._on_clear_episodes)
+        # Steady time: a simulated clock that stands still must not stop the node.
+        self._steady_clock = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(_POLL_PERIOD, self._queue.poll, clock=self._steady_clock)
+        self.create_timer(1.0, self._report, clock=self._steady_clock)
+        self._selection_timer = None
+        self._set_selection_period(self._settings['selection_period'])
+
+    def close(self) -> None:
+        """End the worker process."""
+        self._queue.stop()
+
+    # --- data in
+
+    def _on_state(self, msg: JointState) -> None:
+        self._last_state_at = time.monotonic()
+        names, values = conversions.named_values(msg)
+        self._relay(msg.header, names, msg.position)
+        stamp = conversions.stamp_to_nanoseconds(msg.header.stamp)
+        self._keep(self._assembler.add_state(stamp, names, values))
+
+    def _on_reward(self, msg: JointState) -> None:
+        try:
+            sample = conversions.reward_sample(msg)
+        except ValueError as error:
+            self._assembler.drop_message('malformed_reward', f'in a reward message, {error}')
+            return
+        if not self._is_reward_announced:
+            self._is_reward_announced = True
+            self._announce(sample)
+        stamp = conversions.stamp_to_nanoseconds(msg.header.stamp)
+        self._keep(self._assembler.add_reward(stamp, sample))
+
+    def _announce(self, sample) -> None:
+        if not sample.marks_ends:
+            ends = 'where `episode` changes or' if sample.episode is not None else 'only'
+            self.get_logger().info(
+                'the reward messages carry neither `terminated` nor `truncated`: an episode is '
+                f'closed {ends} at max_episode_steps={self._settings["max_episode_steps"]}'
+            )
+        if sample.step is None:
+            self.get_logger().info(
+                'the reward messages carry no `step`: a lost state cannot be noticed, and the '
+                'first episode may lack its beginning'
+            )
+
+    def _keep(self, episodes: list[Episode]) -> None:
+        for episode in episodes:
+            self._buffer.append(episode)
+            self._revision += 1
+
+    # --- data out
+
+    def _relay(self, header: Header, names: tuple[str, ...], positions) -> None:
+        if len(names) != len(positions):
+            return
+        if self._selection is None:
+            if self._settings['pass_through_until_selected']:
+                self._state_publisher.publish(
+                    conversions.named_values_to_msg(header, names, positions)
+                )
+            return
+        if names != self._relay_names:
+            self._relay_names = names
+            missing = set(self._selection.names) - set(names)
+            self._relay_columns = (
+                None if missing else [names.index(name) for name in self._selection.names]
+            )
+        if self._relay_columns is not None:
+            self._state_publisher.publish(
+                JointState(
+                    header=header,
+                    name=self._selection.names,
+                    position=[positions[i] for i in self._relay_columns],
+                )
+            )
+
+    # --- selections
+
+    async def _on_select_features(self, request, response):
+        outcome = await self._queue.request()
+        response.success = outcome.selection is not None and bool(outcome.selection.indices)
+        response.message = json.dumps(self._reply(outcome))
+        return response
+
+    def _reply(self, outcome: Outcome) -> dict:
+        if outcome.selection is None:
+            return {
+                'error': outcome.error,
+                'episodes': len(self._buffer),
+                'min_episodes': self._settings['min_episodes'],
+            }
+        reply = dataclasses.asdict(outcome.selection)
+        if not outcome.selection.indices:
+            reply['error'] = NOTHING_SELECTED
+        return reply
+
+    def _make_job(self) -> Job:
+        self._attempted_revision = self._revision
+        values = self._settings
+        if len(self._buffer) < values['min_episodes']:
+            raise RefusedError(
+                f'there are {len(self._buffer)} episodes; a selection needs at least '
+                f'{values["min_episodes"]} (min_episodes)'
+            )
+        settings = {
+            'num_features': values['num_features'] or None,
+            'gamma': values['gamma'],
+            'criterion': values['criterion'],
+            'standardize': values['standardize'],
+            'direction': values['direction'],
+            'groups': parse_sensor_groups(values['sensor_groups']),
+            'max_time_bins': values['max_time_bins'] or None,
+            'random_state': values['random_state'],
+            'n_jobs': values['worker_threads'],
+        }
+        arguments = (self._buffer.snapshot(), self._assembler.channel_names, settings)
+        return Job(self._revision, arguments)
+
+    def _select_periodically(self) -> None:
+        enough = len(self._buffer) >= self._settings['min_episodes']
+        if enough and not self._queue.busy and self._revision != self._attempted_revision:
+            self._queue.request()
+
+    def _on_outcome(self, outcome: Outcome) -> None:
+        selection = outcome.selection
+        self._last_error = outcome.error
+        if selection is None:
+            self.get_logger().warning(f'no selection: {outcome.error}')
+            return
+        evidence = (
+            f'{selection.episodes} episodes, {selection.steps} steps, {selection.seconds:.1f} s; '
+            + ', '.join(
+                f'{name} {score:.3f}'
+                for name, score in zip(selection.ranking, selection.scores, strict=True)
+            )
+        )
+        if not selection.indices:
+            self._last_error = NOTHING_SELECTED
+            self.get_logger().warning(f'{NOTHING_SELECTED}: {evidence}')
+            return
+        self._selection = selection
+        self._selected_at = time.monotonic()
+        self._relay_names = None
+        self._indices_publisher.publish(conversions.indices_to_msg(selection.indices))
+        header = Header(stamp=self.get_clock().now().to_msg())
+        gains = [b - a for a, b in zip((0.0, *selection.scores), selection.scores, strict=False)]
+        self._scores_publisher.publish(
+            conversions.named_values_to_msg(header, selection.ranking, gains)
+        )
+        self.get_logger().info(f'selected {", ".join(selection.names)}: {evidence}')
+
+    # --- upkeep
+
+    def _apply_parameters(self, changed: dict) -> None:
+        self._revision += 1
+        if 'max_episodes' in changed:
+            self._buffer.max_episodes = changed['max_episodes']
+        if 'max_episode_steps' in changed:
+            self._assembler.max_episode_steps = changed['max_episode_steps']
+        if 'selection_period' in changed:
+            self._set_selection_period(changed['selection_period'])
+
+    def _set_selection_period(self, seconds: float) -> None:
+        if self._selection_timer is not None:
+            self.destroy_timer(self._selection_timer)
+            self._selection_timer = None
+        if seconds > 0:
+            self._selection_timer = self.create_timer(
+                seconds, self._select_periodically, clock=self._steady_clock
+            )
+
+    def _on_clear_episodes(self, request, response):
+        response.success = True
+        response.message = json.dumps({'episodes': len(self._buffer)})
+        self._buffer.clear()
+        self._assembler.clear()
+        self._revision += 1
+        self.get_logger().info(f'cleared {response.message}')
+        return response
+
+    def _report(self) -> None:
+        self._warn_of_drops()
+        self._diagnostics_publisher.publish(
+            diagnostics.diagnostic_array(
+                self.get_clock().now().to_msg(), self._input_status(), self._selection_status()
+            )
+        )
+
+    def _warn_of_drops(self) -> None:
+        now = time.monotonic()
+        drops = self._assembler.dropped_messages + self._assembler.dropped_episodes
+        if drops == self._warned_drops or now < self._warned_at + _WARNING_PERIOD:
+            return
+        counts = ', '.join(f'{n} {cause}' for cause, n in (drops - self._warned_drops).items())
+        self.get_logger().warning(f'dropped {counts}; the last: {self._assembler.last_drop}')
+        self._warned_at, self._warned_drops = now, drops
+
+    def _input_status(self):
+        assembler = self._assembler
+        silent = time.monotonic() - self._last_state_at > _SILENCE
+        recently_warned = time.monotonic() - self._warned_at < 2 * _WARNING_PERIOD
+        if silent:
+            level, message = diagnostics.WARN, f'no state for {_SILENCE:.0f} s'
+        elif recently_warned:
+            level, message = diagnostics.WARN, f'dropping; the last: {assembler.last_drop}'
+        else:
+            level, message = diagnostics.OK, 'collecting'
+        values = {
+            'episodes': len(self._buffer),
+            'steps': self._buffer.num_steps,
+            'buffer bytes': self._buffer.nbytes,
+            'transitions': assembler.num_transitions,
+            'pending messages': assembler.num_pending,
+            'episodes cut at max_episode_steps': assembler.num_cut,
+            **{f'messages dropped: {k}': n for k, n in assembler.dropped_messages.items()},
+            **{f'episodes dropped: {k}': n for k, n in assembler.dropped_episodes.items()},
+        }
+        return diagnostics.status(f'{self.get_name()}: input', level, message, values)
+
+    def _selection_status(self):
+        selection = self._selection
+        values = {
+            'worker': 'computing' if self._queue.busy else 'idle',
+            'worker pid': self._queue.worker_pid or 'none',
+            'parameters': json.dumps(self._settings),
+        }
+        if selection is not None:
+            values |= {
+                'names': ', '.join(selection.names),
+                'indices': ', '.join(map(str, selection.indices)),
+                'age in s': f'{time.monotonic() - self._selected_at:.0f}',
+                'episodes used': selection.episodes,
+                'seconds taken': f'{selection.seconds:.2f}',
+            }
+        if self._last_error:
+            level, message = diagnostics.ERROR, self._last_error
+        elif selection is None:
+            level = diagnostics.OK
+            message = (
+                f'no selection yet; {len(self._buffer)} episodes of at least '
+                f'{self._settings["min_episodes"]}'
+            )
+        else:
+            level, message = diagnostics.OK, f'selected {values["names"]}'
+        return diagnostics.status(f'{self.get_name()}: selection', level, message, values)
+
+
+NOTHING_SELECTED = 'no sensor tells anything about the return'
+
+
+def check_parameters(values: dict) -> None:
+    """Raise ValueError if the parameters cannot be used together."""
+    if values['min_episodes'] > values['max_episodes']:
+        raise ValueError(
+            f'min_episodes is {values["min_episodes"]} and max_episodes {values["max_episodes"]}; '
+            'expected min_episodes <= max_episodes'
+        )
+    parse_sensor_groups(values['sensor_groups'])
+
+
+def parse_sensor_groups(text: str) -> dict[str, list[str]]:
+    """Return the groups of "pose=x,y; lidar=l0,l1" as {'pose': ['x', 'y'], ...}.
+
+    Raises
+    ------
+    ValueError
+        If a part is not of the form name=channel,channel or a name comes twice.
+
+    """
+    groups: dict[str, list[str]] = {}
+    for part in filter(None, map(str.strip, text.split(';'))):
+        name, _, members = (piece.strip() for piece in part.partition('='))
+        channels = [channel.strip() for channel in members.split(',')]
+        if not name or not all(channels) or name in groups:
+            raise ValueError(
+                f'sensor_groups has {part!r}; expected distinct names as in "pose=x,y; arm=a,b"'
+            )
+        groups[name] = channels
+    return groups
+
+
+def main() -> None:
+    """Run the node until it is told to stop."""
+    sys.exit(run_node(SelectorNode))
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,140 @@
+"""The simulator node: the grid-world robot, publishing its state and reward."""
+
+from __future__ import annotations
+
+import sys
+
+import numpy as np
+from nav_msgs.msg import OccupancyGrid
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Header
+from visualization_msgs.msg import MarkerArray
+
+from cmifs_ros.sim import SCENARIOS, GridWorld, sample_action
+from cmifs_ros.sim.grid_world import WALLS
+
+from . import conversions
+from .parameters import Spec, declare
+from .run_node import run_node
+from .transitions import RewardSample
+
+MILLISECOND = 1_000_000  # in nanoseconds
+
+PARAMETERS = (
+    Spec('scenario', 'without_gravel', 'The world; a change takes effect at the next episode.',
+         choices=SCENARIOS),
+    Spec('rate', 20.0, 'Steps per second.', (0.01, 10_000)),
+    Spec('seed', 0, 'Seed of the world and the policy; a change starts a new sequence of '
+         'episodes at the next one.', (0, 2**31 - 1)),
+    Spec('num_episodes', 0, 'Episodes to publish; 0 never ends.', (0, 2**31 - 1)),
+    Spec('wait_for_subscribers', True,
+         'Begin only when somebody subscribes to both state and reward, so that none is lost.'),
+)  # fmt: skip
+
+
+class SimulatorNode(Node):
+    """Publish one step of the grid world at each tick, state and reward under one stamp."""
+
+    def __init__(self):
+        super().__init__('simulator')
+        self._settings = declare(
+            self, PARAMETERS, lambda values: None, self._apply_parameters
+        )
+        stream = QoSProfile(depth=1000)
+        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        self._state_publisher = self.create_publisher(JointState, 'state', stream)
+        self._reward_publisher = self.create_publisher(JointState, 'reward', stream)
+        self._map_publisher = self.create_publisher(OccupancyGrid, 'map', latched)
+        self._marker_publisher = self.create_publisher(MarkerArray, 'markers', 10)
+        self._world: GridWorld | None = None
+        self._state: np.ndarray | None = None  # None between episodes
+        self._episode = -1
+        self._step = 0
+        self._last_stamp = -MILLISECOND
+        self._is_waiting = self._settings['wait_for_subscribers']
+        if self._is_waiting:
+            self.get_logger().info('waiting for a subscriber of state and reward')
+        self._timer = self.create_timer(1 / self._settings['rate'], self._tick)
+
+    def close(self) -> None:
+        """Nothing outlives the node."""
+
+    def _apply_parameters(self, changed: dict) -> None:
+        if {'scenario', 'seed'} & changed.keys():
+            self._world = None
+        if 'rate' in changed:
+            self._timer.timer_period_ns = int(1e9 / changed['rate'])
+
+    def _tick(self) -> None:
+        if self._is_waiting:
+            if not (
+                self._state_publisher.get_subscription_count()
+                and self._reward_publisher.get_subscription_count()
+            ):
+                return
+            self._is_waiting = False
+        if self._state is None and not self._begin_episode():
+            return
+        action = sample_action(self._state, self._policy_rng)
+        header = self._header()
+        self._state_publisher.publish(
+            conversions.named_values_to_msg(header, self._names, self._state)
+        )
+        self._publish_markers(header)
+        self._state, reward, terminated, truncated, _ = self._running.step(action)
+        sample = RewardSample(reward, terminated, truncated, self._episode, self._step)
+        self._reward_publisher.publish(conversions.reward_sample_to_msg(header, sample, action))
+        self._step += 1
+        if terminated or truncated:
+            self._state = None
+
+    def _begin_episode(self) -> bool:
+        limit = self._settings['num_episodes']
+        if limit and self._episode + 1 >= limit:
+            self._timer.cancel()
+            self.get_logger().info(f'published {limit} episodes')
+            return False
+        if self._world is None:
+            world_seed, policy_seed = np.random.SeedSequence(self._settings['seed']).spawn(2)
+            self._world = GridWorld(self._settings['scenario'], seed=world_seed)
+            self._policy_rng = np.random.default_rng(policy_seed)
+            self.get_logger().info(
+                f'{self._world.scenario}, seed {self._settings["seed"]}, '
+                f'{self._settings["rate"]:g} steps/s'
+            )
+        self._running = self._world
+        self._names = self._world.channel_names
+        self._state, _ = self._world.reset()
+        self._episode += 1
+        self._step = 0
+        self._map_publisher.publish(
+            conversions.grid_to_msg(self._header(), WALLS, self._world.gravel)
+        )
+        return True
+
+    def _header(self) -> Header:
+        # Two steps must not share a stamp, even if a simulated clock ticks coarsely.
+        now = self.get_clock().now().nanoseconds
+        is_same_tick = 0 <= self._last_stamp - now < MILLISECOND
+        self._last_stamp = self._last_stamp + 1 if is_same_tick else now
+        return Header(
+            stamp=conversions.stamp_from_nanoseconds(self._last_stamp), frame_id='map'
+        )
+
+    def _publish_markers(self, header: Header) -> None:
+        if self._marker_publisher.get_subscription_count():
+            world = self._running
+            self._marker_publisher.publish(
+                conversions.robot_to_msg(header, world.column, world.row, world.battery)
+            )
+
+
+def main() -> None:
+    """Run the node until it is told to stop."""
+    sys.exit(run_node(SimulatorNode))
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,262 @@
+"""Pair states with rewards by their stamps and join the pairs to whole episodes.
+
+Nothing here knows ROS: stamps are nanoseconds, and what is dropped is counted by cause, so
+that the node can report it and nothing disappears silently.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+
+import numpy as np
+
+from cmifs_ros.core import Episode
+
+#: States or rewards that wait for their partner; as many as the subscriptions queue.
+MAX_PENDING = 1000
+
+
+@dataclass(frozen=True)
+class RewardSample:
+    """The reward of one step and what its publisher says of the step; None: says nothing."""
+
+    reward: float
+    terminated: bool | None = None
+    truncated: bool | None = None
+    episode: int | None = None
+    step: int | None = None
+
+    @property
+    def marks_ends(self) -> bool:
+        """Whether the publisher tells where an episode ends."""
+        return self.terminated is not None or self.truncated is not None
+
+    @property
+    def ends_episode(self) -> bool:
+        """Whether this is an episode's last step."""
+        return bool(self.terminated or self.truncated)
+
+
+@dataclass(frozen=True)
+class Transition:
+    """A state and its reward."""
+
+    state: np.ndarray
+    sample: RewardSample
+
+
+class EpisodeAssembler:
+    """Build episodes from states and rewards that arrive as separate streams.
+
+    A state and a reward belong together when their stamps are equal. Once a pair is complete,
+    older unpaired messages of either stream are lost and counted. An episode with a lost
+    transition is dropped, counted, and collecting goes on with the next one.
+
+    Parameters
+    ----------
+    max_episode_steps : int
+        An episode that reaches this length is closed there as truncated.
+
+    Attributes
+    ----------
+    channel_names : tuple of str or None
+        The channels of the first valid state; later states must carry the same ones, in any
+        order.
+    num_transitions : int
+        Pairs completed so far.
+    dropped_messages, dropped_episodes : collections.Counter
+        How many were dropped, by cause.
+    last_drop : str
+        The most recent of them, in words.
+    num_cut : int
+        Episodes closed at `max_episode_steps`.
+
+    """
+
+    def __init__(self, max_episode_steps: int):
+        self.max_episode_steps = max_episode_steps
+        self.num_transitions = 0
+        self.num_cut = 0
+        self.dropped_messages: Counter[str] = Counter()
+        self.dropped_episodes: Counter[str] = Counter()
+        self.last_drop = ''
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget the open episode, all that waits, and the channels; keep the counts."""
+        self.channel_names: tuple[str, ...] | None = None
+        self._states: dict[int, np.ndarray] = {}
+        self._rewards: dict[int, RewardSample] = {}
+        self._last_paired: int | None = None
+        self._open: list[Transition] = []
+        self._previous: RewardSample | None = None
+        self._skipping = False
+        self._was_cut = False
+
+    @property
+    def num_pending(self) -> int:
+        """States and rewards that wait for their partner."""
+        return len(self._states) + len(self._rewards)
+
+    def add_state(self, stamp: int, names: tuple[str, ...], values: np.ndarray) -> list[Episode]:
+        """Take a state; return the episodes that it completes.
+
+        Parameters
+        ----------
+        stamp : int
+            Nanoseconds.
+        names : tuple of str
+        values : numpy.ndarray, shape (len(names),)
+
+        """
+        state = self._checked_state(names, values)
+        if state is None or not self._is_new(stamp, self._states, 'state'):
+            return []
+        self._states[stamp] = state
+        return self._pair(stamp)
+
+    def add_reward(self, stamp: int, sample: RewardSample) -> list[Episode]:
+        """Take a reward; return the episodes that it completes."""
+        if not self._is_new(stamp, self._rewards, 'reward'):
+            return []
+        self._rewards[stamp] = sample
+        return self._pair(stamp)
+
+    def drop_message(self, cause: str, what: str) -> None:
+        """Count a message that cannot be used."""
+        self.dropped_messages[cause] += 1
+        self.last_drop = what
+
+    def _checked_state(self, names: tuple[str, ...], values: np.ndarray) -> np.ndarray | None:
+        if len(names) != len(values) or not names:
+            self.drop_message(
+                'wrong_length', f'a state has {len(values)} values for {len(names)} names'
+            )
+            return None
+        if self.channel_names is None:
+            if '' in names or len(set(names)) < len(names):
+                self.drop_message(
+                    'wrong_channels', f'a state has empty or repeated names: {", ".join(names)}'
+                )
+                return None
+        elif names != self.channel_names:
+            if len(names) != len(self.channel_names) or set(names) != set(self.channel_names):
+                odd = sorted(set(names) ^ set(self.channel_names)) or ['a repeated name']
+                self.drop_message(
+                    'wrong_channels',
+                    f'a state differs from the {len(self.channel_names)} known channels '
+                    f'by {", ".join(odd)}',
+                )
+                return None
+            values = values[[names.index(name) for name in self.channel_names]]
+        finite = np.isfinite(values)
+        if not finite.all():
+            bad = int(np.argmin(finite))
+            self.drop_message(
+                'not_finite',
+                f'channel {(self.channel_names or names)[bad]} is {values[bad]}',
+            )
+            return None
+        if self.channel_names is None:
+            self.channel_names = names
+        return values
+
+    def _is_new(self, stamp: int, pending: dict, what: str) -> bool:
+        if stamp in pending or stamp == self._last_paired:
+            self.drop_message('duplicate_stamp', f'a second {what} is stamped {stamp} ns')
+            return False
+        if self._last_paired is not None and stamp < self._last_paired:
+            # A replayed bag or a reset simulation: what is open cannot go on.
+            self._discard_states(list(self._states))
+            self._discard_rewards(list(self._rewards))
+            self._break_episode('time_backwards', f'a {what} is older than the last transition')
+            self._last_paired = None
+        if len(self._states) >= MAX_PENDING:
+            self._discard_states([min(self._states)])
+        if len(self._rewards) >= MAX_PENDING:
+            self._discard_rewards([min(self._rewards)])
+        return True
+
+    def _pair(self, stamp: int) -> list[Episode]:
+        if stamp not in self._states or stamp not in self._rewards:
+            return []
+        transition = Transition(self._states.pop(stamp), self._rewards.pop(stamp))
+        self._discard_states([s for s in self._states if s < stamp])
+        self._discard_rewards([s for s in self._rewards if s < stamp])
+        self._last_paired = stamp
+        self.num_transitions += 1
+        return self._extend(transition)
+
+    def _discard_states(self, stamps: list[int]) -> None:
+        for stamp in stamps:
+            del self._states[stamp]
+            self.drop_message('state_without_reward', f'no reward came for the state at {stamp} ns')
+
+    def _discard_rewards(self, stamps: list[int]) -> None:
+        for stamp in stamps:
+            sample = self._rewards.pop(stamp)
+            self.drop_message(
+                'reward_without_state', f'no usable state came for the reward at {stamp} ns'
+            )
+            self._break_episode('lost_state', 'an episode has a reward without its state')
+            self._skipping = not sample.ends_episode
+
+    def _extend(self, transition: Transition) -> list[Episode]:
+        """Add a transition to the open episode, or begin one with it."""
+        sample, previous = transition.sample, self._previous
+        self._previous = sample
+        completed = []
+        if previous is not None and sample.episode != previous.episode:
+            if self._open and previous.marks_ends:
+                self._break_episode('lost_end', f'episode {previous.episode} ended unseen')
+            elif self._open:
+                completed.append(self._close())
+            self._skipping = False
+            self._was_cut = False
+        if self._open and not _follows(sample, previous):
+            self._break_episode('step_gap', f'step {sample.step} came after step {previous.step}')
+
+        if self._open or self._may_begin(sample, previous):
+            self._open.append(transition)
+            self._skipping = self._was_cut = False
+        elif not self._skipping:
+            self._break_episode('joined_midway', f'an episode begins with step {sample.step}')
+
+        if sample.ends_episode:
+            if self._open:
+                completed.append(self._close())
+            self._skipping = False
+        elif len(self._open) >= self.max_episode_steps:
+            completed.append(self._close())
+            self._was_cut = True
+            self.num_cut += 1
+        return completed
+
+    def _may_begin(self, sample: RewardSample, previous: RewardSample | None) -> bool:
+        if sample.step is not None:
+            return sample.step == 0 or (self._was_cut and _follows(sample, previous))
+        tells_boundaries = sample.marks_ends or sample.episode is not None
+        return not (self._skipping and tells_boundaries)
+
+    def _break_episode(self, cause: str, what: str) -> None:
+        """Drop the episode under way; skip its rest."""
+        if not self._skipping:
+            self.dropped_episodes[cause] += 1
+            self.last_drop = what
+        self._open = []
+        self._skipping = True
+        self._was_cut = False
+
+    def _close(self) -> Episode:
+        episode = Episode(
+            np.stack([t.state for t in self._open]), [t.sample.reward for t in self._open]
+        )
+        self._open = []
+        return episode
+
+
+def _follows(sample: RewardSample, previous: RewardSample) -> bool:
+    if sample.step is None:
+        return True  # Without step numbers no gap can be seen.
+    return previous.step is not None and sample.step == previous.step + 1

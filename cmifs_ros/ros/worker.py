@@ -1,0 +1,105 @@
+"""The process that computes, so that the node's own process never does."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import threading
+from collections.abc import Callable
+from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from multiprocessing.connection import wait
+
+
+class WorkerProcess:
+    """Run one job at a time in a process of its own, which a new one replaces if it dies.
+
+    The process is spawned, since a fork would copy the middleware's locks without the threads
+    that hold them. It ignores Ctrl-C, runs at a lower priority than the robot's controllers,
+    keeps the linear algebra library to one thread, and ends when its parent does, however
+    that ends.
+    """
+
+    def __init__(self):
+        self._pool: ProcessPoolExecutor | None = None
+        self._process: multiprocessing.process.BaseProcess | None = None
+        self._future: Future | None = None
+
+    @property
+    def busy(self) -> bool:
+        """Whether a job was submitted and its outcome not yet collected."""
+        return self._future is not None
+
+    @property
+    def pid(self) -> int | None:
+        """Process id, or None when no process runs."""
+        alive = self._process is not None and self._process.is_alive()
+        return self._process.pid if alive else None
+
+    def submit(self, function: Callable, *args) -> None:
+        """Start a job; `function`, its arguments and its result have to be picklable.
+
+        Raises
+        ------
+        RuntimeError
+            If a job is under way.
+
+        """
+        if self.busy:
+            raise RuntimeError('a job is under way; collect its outcome first')
+        try:
+            self._future = self._submit(function, *args)
+        except BrokenProcessPool:  # The process died while it was idle.
+            self.stop()
+            self._future = self._submit(function, *args)
+
+    def outcome(self) -> Future | None:
+        """Return the finished job, once, or None while there is none.
+
+        The result of the future is that of the function. Its exception is that of the
+        function, or `BrokenProcessPool` if the process died.
+        """
+        if self._future is None or not self._future.done():
+            return None
+        future, self._future = self._future, None
+        if isinstance(future.exception(), BrokenProcessPool):
+            self.stop()
+        return future
+
+    def stop(self) -> None:
+        """End the process at once, whatever it is doing."""
+        if self._process is not None:
+            self._process.kill()
+        if self._pool is not None:
+            self._pool.shutdown(wait=True, cancel_futures=True)
+        self._pool = self._process = self._future = None
+
+    def _submit(self, function: Callable, *args) -> Future:
+        if self._pool is not None:
+            return self._pool.submit(function, *args)
+        self._pool = ProcessPoolExecutor(
+            1, mp_context=multiprocessing.get_context('spawn'), initializer=_prepare
+        )
+        others = set(multiprocessing.active_children())
+        # The child inherits the mask: Ctrl-C reaches the whole terminal group, and a worker
+        # that is still importing would print a traceback.
+        blocked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            future = self._pool.submit(function, *args)
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
+        (self._process,) = set(multiprocessing.active_children()) - others
+        return future
+
+
+def _prepare() -> None:
+    for library in ('OPENBLAS', 'MKL', 'OMP', 'BLIS'):  # Read when NumPy is first imported.
+        os.environ[f'{library}_NUM_THREADS'] = '1'
+    os.nice(5)
+    threading.Thread(target=_exit_with_parent, daemon=True).start()
+
+
+def _exit_with_parent() -> None:
+    wait([multiprocessing.parent_process().sentinel])
+    os._exit(1)

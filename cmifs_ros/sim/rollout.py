@@ -1,0 +1,37 @@
+"""Episodes of the paper's policy in the grid world."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cmifs_ros.core import Episode
+
+from .grid_world import GridWorld
+from .policy import sample_action
+
+
+def rollout(scenario: str, num_episodes: int, seed: int) -> list[Episode]:
+    """Return episodes of 20 steps, the same ones bit for bit for the same seed.
+
+    Parameters
+    ----------
+    scenario : {'without_gravel', 'with_gravel'}
+    num_episodes : int
+    seed : int
+        Seeds the world and, independently, the policy.
+
+    """
+    world_seed, policy_seed = np.random.SeedSequence(seed).spawn(2)
+    world = GridWorld(scenario, seed=world_seed)
+    rng = np.random.default_rng(policy_seed)
+    episodes = []
+    for _ in range(num_episodes):
+        states, rewards = [], []
+        state, _ = world.reset()
+        truncated = False
+        while not truncated:
+            states.append(state)
+            state, reward, _, truncated, _ = world.step(sample_action(state, rng))
+            rewards.append(reward)
+        episodes.append(Episode(states, rewards))
+    return episodes

@@ -1,0 +1,290 @@
+"""The whole thing at work: simulator, selector and a downstream node as processes of their own.
+
+Collects episodes, calls `select_features` as any client would, and shows the ranking, what
+the downstream process received, and a picture of the score path.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import rclpy
+from ament_index_python.packages import PackageNotFoundError, get_package_prefix
+from diagnostic_msgs.msg import DiagnosticArray
+from rcl_interfaces.msg import Parameter, ParameterValue
+from rcl_interfaces.srv import SetParameters
+from rclpy.node import Node
+from std_srvs.srv import Trigger
+from tqdm import tqdm
+
+from cmifs_ros.sim import SCENARIOS, channel_names
+
+#: What matters in each world, known because the world is ours; only used to comment the result.
+RELEVANT = {
+    'without_gravel': ('x', 'y'),
+    'with_gravel': ('x', 'y', 'battery', 'gravel'),
+}
+NUM_FEATURES = {'without_gravel': 3, 'with_gravel': 4}
+#: Steps per second after the episodes are collected: slow enough to read.
+SHOW_RATE = 10.0
+
+
+class DemoError(RuntimeError):
+    """The demo cannot go on; the message says why."""
+
+
+class Processes:
+    """The demo's child processes; leaving the context ends them all."""
+
+    def __init__(self, folder: Path):
+        self._folder = folder
+        self._running: dict[str, subprocess.Popen] = {}
+
+    def start(self, name: str, *command: str) -> None:
+        """Start a process whose output goes to a file."""
+        with self.log(name).open('w') as output:
+            self._running[name] = subprocess.Popen(
+                command, stdout=output, stderr=subprocess.STDOUT, stdin=subprocess.DEVNULL
+            )
+
+    def log(self, name: str) -> Path:
+        """Return the file with the output of a process."""
+        return self._folder / f'{name}.log'
+
+    def check(self) -> None:
+        """Raise `DemoError` if a process has ended."""
+        for name, process in self._running.items():
+            if process.poll() is not None:
+                raise DemoError(
+                    f'the {name} ended early with exit code {process.returncode}:\n'
+                    + self.log(name).read_text()
+                )
+
+    def __enter__(self) -> Processes:
+        """Return itself."""
+        return self
+
+    def __exit__(self, *_) -> None:
+        """End all processes: ask first, then kill."""
+        for process in self._running.values():
+            process.send_signal(signal.SIGTERM)
+        deadline = time.monotonic() + 2
+        for process in self._running.values():
+            try:
+                process.wait(max(0, deadline - time.monotonic()))
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+
+
+class Client(Node):
+    """What a user's own program would do: watch the diagnostics and call the service."""
+
+    def __init__(self, processes: Processes):
+        super().__init__('demo')
+        self._processes = processes
+        self._episodes = 0
+        self.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
+        self._select = self.create_client(Trigger, 'select_features')
+        self._set_parameters = self.create_client(SetParameters, 'simulator/set_parameters')
+
+    def _on_diagnostics(self, msg: DiagnosticArray) -> None:
+        for status in msg.status:
+            if status.name == 'selector: input':
+                self._episodes = int({v.key: v.value for v in status.values}['episodes'])
+
+    def wait_for_episodes(self, count: int) -> None:
+        """Show a progress bar until the selector has collected `count` episodes."""
+        with tqdm(total=count, desc='episodes', file=sys.stdout, disable=None) as bar:
+            shown = 0
+            while shown < count:
+                rclpy.spin_once(self, timeout_sec=0.5)
+                self._processes.check()
+                bar.update(self._episodes - shown)
+                shown = self._episodes
+
+    def select_features(self) -> dict:
+        """Call the service and return its reply."""
+        reply = self._call(self._select, Trigger.Request())
+        result = json.loads(reply.message)
+        if not reply.success:
+            raise DemoError(f'select_features: {result["error"]}')
+        return result
+
+    def slow_down(self) -> None:
+        """Set the simulator's rate, as `ros2 param set` would."""
+        value = ParameterValue(type=3, double_value=SHOW_RATE)
+        request = SetParameters.Request(parameters=[Parameter(name='rate', value=value)])
+        (result,) = self._call(self._set_parameters, request).results
+        if not result.successful:
+            raise DemoError(f'the simulator refused rate={SHOW_RATE}: {result.reason}')
+
+    def _call(self, client, request):
+        while not client.wait_for_service(timeout_sec=0.5):
+            self._processes.check()
+        future = client.call_async(request)
+        while not future.done():
+            rclpy.spin_until_future_complete(self, future, timeout_sec=0.5)
+            self._processes.check()
+        return future.result()
+
+
+def executable(name: str) -> str:
+    """Return the path that `ros2 run cmifs_ros NAME` starts."""
+    try:
+        path = Path(get_package_prefix('cmifs_ros'), 'lib', 'cmifs_ros', name)
+    except (PackageNotFoundError, LookupError, OSError) as error:
+        raise DemoError(
+            'the package cmifs_ros is not installed here; build it with colcon and source '
+            'install/setup.bash, or use `make demo`'
+        ) from error
+    return str(path)
+
+
+def print_ranking(result: dict, scenario: str) -> None:
+    """Print the ranked sensors with the score that each of them reached."""
+    names = channel_names(scenario)
+    best = max(result['scores'])
+    print('\n rank  sensor      index   score  share of the best score')
+    for rank, (name, score) in enumerate(
+        zip(result['ranking'], result['scores'], strict=True), start=1
+    ):
+        share = max(0.0, score / best)
+        bar = '#' * round(30 * share)
+        print(f'  {rank:2d}   {name:10s}  {names.index(name):5d}  {score:6.3f}  {share:5.0%} {bar}')
+    left = len(names) - len(result['ranking'])
+    if left:
+        print(f'  the {left} other sensors were not ranked')
+    found = [name for name in RELEVANT[scenario] if name in result['names']]
+    print(
+        f'\nselected {len(result["names"])} of {len(names)} sensors. '
+        f'This world is ours, so we know what matters in it: {", ".join(RELEVANT[scenario])}. '
+        f'{len(found)} of these {len(RELEVANT[scenario])} were selected.'
+    )
+
+
+def plot_scores(result: dict, scenario: str, path: Path) -> None:
+    """Save the criterion after each addition as a picture."""
+    import matplotlib
+
+    matplotlib.use('Agg')
+    from matplotlib import pyplot as plt
+
+    figure, axes = plt.subplots(figsize=(6.4, 4), layout='constrained')
+    axes.plot(result['ranking'], result['scores'], 'o-', color='0.6', zorder=1)
+    is_relevant = [name in RELEVANT[scenario] for name in result['ranking']]
+    colors = ['tab:blue' if relevant else 'tab:gray' for relevant in is_relevant]
+    axes.scatter(result['ranking'], result['scores'], color=colors, s=60, zorder=2)
+    axes.set_ylim(bottom=0)
+    axes.set_xlabel('sensor added (blue: relevant in this world)')
+    axes.set_ylabel('conditional mutual information with the return')
+    axes.set_title(f'{scenario}: {result["episodes"]} episodes, {result["seconds"]:.1f} s')
+    figure.savefig(path, dpi=150)
+    plt.close(figure)
+
+
+def run(options: argparse.Namespace) -> None:
+    """Run the demo."""
+    begin = time.monotonic()
+    with (
+        tempfile.TemporaryDirectory(prefix='cmifs_demo_') as folder,
+        Processes(Path(folder)) as processes,
+    ):
+        processes.start(
+            'selector',
+            executable('selector_node'),
+            '--ros-args',
+            *('-p', f'max_episodes:={options.episodes}'),
+            *('-p', f'min_episodes:={options.episodes}'),
+            *('-p', f'num_features:={options.num_features}'),
+            *('-p', 'selection_period:=0.0'),
+        )
+        processes.start('downstream', sys.executable, '-m', 'cmifs_ros.tools.downstream')
+        processes.start(
+            'simulator',
+            executable('simulator_node'),
+            '--ros-args',
+            *('-p', f'scenario:={options.scenario}'),
+            *('-p', f'seed:={options.seed}'),
+            *('-p', f'rate:={options.rate}'),
+        )
+        print(
+            f'simulator ({options.scenario}), selector and downstream node run as processes '
+            f'in ROS domain {os.environ["ROS_DOMAIN_ID"]}'
+        )
+        client = Client(processes)
+        client.wait_for_episodes(options.episodes)
+        client.slow_down()
+        before = len(processes.log('downstream').read_text().splitlines())
+        print('calling /select_features; the state keeps flowing meanwhile ...', flush=True)
+        result = client.select_features()
+        print(
+            f'answered after {result["seconds"]:.1f} s of computing on {result["episodes"]} '
+            f'episodes, {result["steps"]} steps'
+        )
+        print_ranking(result, options.scenario)
+
+        lines = processes.log('downstream').read_text().splitlines()
+        during = len(lines) - before
+        deadline = time.monotonic() + 10
+        expected = len(result['names'])
+        while len(lines) < 2 or len(lines[-2].split()) != expected:
+            if time.monotonic() > deadline:
+                raise DemoError('the downstream node received no state of the selected sensors')
+            processes.check()
+            time.sleep(2 / SHOW_RATE)
+            lines = processes.log('downstream').read_text().splitlines()
+    print(f'\nwhat the downstream process received, {during} messages of it during the selection:')
+    print(f'  before  {lines[before - 1]}')
+    reduced = [line for line in lines if len(line.split()) == expected]
+    for line in reduced[-3:]:
+        print(f'  after   {line}')
+    plot_scores(result, options.scenario, options.out)
+    print(f'\nscore path: {options.out.resolve()}')
+    print(f'done in {time.monotonic() - begin:.0f} s')
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the demo; return the exit code."""
+    parser = argparse.ArgumentParser(prog='demo', description=__doc__.splitlines()[0])
+    parser.add_argument('--scenario', choices=SCENARIOS, default='without_gravel')
+    parser.add_argument('--episodes', type=int, default=100, help='episodes to collect')
+    parser.add_argument('--num-features', type=int, help='sensors to select; 0: automatic')
+    parser.add_argument('--rate', type=float, default=250.0, help='steps per second')
+    parser.add_argument('--seed', type=int, default=0, help='seed of the simulator')
+    parser.add_argument('--out', type=Path, help='file of the picture (default demo_SCENARIO.png)')
+    options = parser.parse_args(arguments)
+    if options.num_features is None:
+        options.num_features = NUM_FEATURES[options.scenario]
+    if options.episodes < 2:
+        parser.error(f'--episodes is {options.episodes}; expected at least 2')
+    options.out = options.out or Path(f'demo_{options.scenario}.png')
+
+    # Stay on this machine, and out of the way of other nodes on it.
+    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    os.environ.setdefault('ROS_DOMAIN_ID', str(1 + os.getpid() % 100))
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))
+    try:
+        rclpy.init()
+        run(options)
+    except DemoError as error:
+        print(f'demo: {error}', file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        print('\ndemo: interrupted')
+        return 128 + signal.SIGINT
+    finally:
+        rclpy.try_shutdown()
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

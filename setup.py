@@ -1,0 +1,32 @@
+from glob import glob
+
+from setuptools import find_packages, setup
+
+package_name = 'cmifs_ros'
+
+setup(
+    name=package_name,
+    version='0.1.0',
+    packages=find_packages(include=[package_name, f'{package_name}.*']),
+    data_files=[
+        ('share/ament_index/resource_index/packages', [f'resource/{package_name}']),
+        (f'share/{package_name}', ['package.xml']),
+        (f'share/{package_name}/config', glob('config/*.yaml')),
+        (f'share/{package_name}/launch', glob('launch/*.launch.xml')),
+    ],
+    python_requires='>=3.10',
+    install_requires=['setuptools', 'numpy>=1.26', 'scipy>=1.11', 'matplotlib', 'tqdm'],
+    extras_require={'test': ['pytest', 'hypothesis', 'pyyaml']},
+    zip_safe=True,
+    maintainer='cmifs_ros maintainers',
+    maintainer_email='maintainers@users.noreply.example.com',
+    description="Selects the sensors that a robot's return depends on, while the robot runs.",
+    license='Apache-2.0',
+    entry_points={
+        'console_scripts': [
+            'demo = cmifs_ros.tools.demo:main',
+            'selector_node = cmifs_ros.ros.selector_node:main',
+            'simulator_node = cmifs_ros.ros.simulator_node:main',
+        ],
+    },
+)
