@@ -95,7 +95,7 @@ class Lsmi:
         """
         order = np.argsort(folds, kind='stable')
         starts = np.flatnonzero(np.diff(folds[order], prepend=-1))
-        fold_slices = [slice(*ends) for ends in zip(starts, [*starts[1:], len(folds)])]
+        fold_slices = [slice(*ends) for ends in zip(starts, [*starts[1:], len(folds)], strict=True)]
         eta_distances = squared_distances(returns[order, None], returns[centers, None])
         chunk = max(1, _STACK_ENTRIES // (len(fold_slices) * len(centers) ** 2))
         scores = [

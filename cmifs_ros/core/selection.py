@@ -40,9 +40,7 @@ class Selection:
     seconds: float
 
 
-def select(
-    episodes: Sequence[Episode], channel_names: Sequence[str], settings: dict
-) -> Selection:
+def select(episodes: Sequence[Episode], channel_names: Sequence[str], settings: dict) -> Selection:
     """Fit a `ConditionalMISelector` of the given settings and return what it found."""
     start = time.perf_counter()
     selector = ConditionalMISelector(**settings).fit(episodes, names=channel_names)

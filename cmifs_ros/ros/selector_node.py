@@ -9,6 +9,7 @@ import sys
 import time
 from collections import Counter
 
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
@@ -17,7 +18,6 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header, Int32MultiArray
 from std_srvs.srv import Trigger
-from diagnostic_msgs.msg import DiagnosticArray
 
 from cmifs_ros.core import CRITERIA, DIRECTIONS, Episode, EpisodeBuffer
 from cmifs_ros.core.selection import Selection

@@ -39,9 +39,7 @@ class SimulatorNode(Node):
 
     def __init__(self):
         super().__init__('simulator')
-        self._settings = declare(
-            self, PARAMETERS, lambda values: None, self._apply_parameters
-        )
+        self._settings = declare(self, PARAMETERS, lambda values: None, self._apply_parameters)
         stream = QoSProfile(depth=1000)
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self._state_publisher = self.create_publisher(JointState, 'state', stream)
@@ -119,9 +117,7 @@ class SimulatorNode(Node):
         now = self.get_clock().now().nanoseconds
         is_same_tick = 0 <= self._last_stamp - now < MILLISECOND
         self._last_stamp = self._last_stamp + 1 if is_same_tick else now
-        return Header(
-            stamp=conversions.stamp_from_nanoseconds(self._last_stamp), frame_id='map'
-        )
+        return Header(stamp=conversions.stamp_from_nanoseconds(self._last_stamp), frame_id='map')
 
     def _publish_markers(self, header: Header) -> None:
         if self._marker_publisher.get_subscription_count():

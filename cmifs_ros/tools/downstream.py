@@ -6,7 +6,7 @@ from sensor_msgs.msg import JointState
 
 
 def on_selected_state(msg: JointState) -> None:
-    state = dict(zip(msg.name, msg.position))
+    state = dict(zip(msg.name, msg.position, strict=True))
     print(' '.join(f'{name}={value:g}' for name, value in state.items()), flush=True)
 
 
