@@ -238,5 +238,5 @@ def _sensors(
             if name in sensors:
                 raise ValueError(f'{name!r} names a group and a channel outside it; rename one')
             sensors[name] = (index,)
-    ordered = sorted(sensors.items(), key=lambda item: item[1][0])
+    ordered = sorted(sensors.items(), key=lambda item: min(item[1]))
     return tuple(name for name, _ in ordered), [channels_ for _, channels_ in ordered]

@@ -1,0 +1,81 @@
+import numpy as np
+import pytest
+
+from cmifs_ros.core import Episode, EpisodeBuffer
+from cmifs_ros.core.episode import as_episodes
+
+
+def episode(steps=3, channels=2, value=0.0):
+    return Episode(np.full((steps, channels), value), np.zeros(steps))
+
+
+@pytest.mark.parametrize(
+    ('states', 'rewards', 'message'),
+    [
+        ([[1.0, 2.0]], [1.0, 2.0], r'rewards has shape \(2,\); expected \(1,\)'),
+        ([1.0, 2.0], [1.0, 2.0], r'states has shape \(2,\)'),
+        (np.zeros((0, 3)), [], r'states has shape \(0, 3\)'),
+        ([[1.0, np.nan]], [1.0], r'states\[0, 1\] is nan'),
+        ([[1.0], [2.0]], [1.0, np.inf], r'rewards\[1\] is inf'),
+    ],
+)
+def test_bad_episode_is_refused_by_name(states, rewards, message):
+    with pytest.raises(ValueError, match=message):
+        Episode(states, rewards)
+
+
+def test_episode_is_independent_of_the_arrays_it_was_made_of_and_read_only():
+    states = np.zeros((2, 1))
+    made = Episode(states, np.zeros(2))
+    states[0] = 9
+    assert made.states[0, 0] == 0
+    with pytest.raises(ValueError, match='read-only'):
+        made.states[0] = 1
+
+
+def test_pair_of_arrays_is_a_list_of_episodes():
+    states = np.arange(24.0).reshape(2, 3, 4)
+    rewards = np.arange(6.0).reshape(2, 3)
+    episodes = as_episodes((states, rewards))
+    assert [len(e) for e in episodes] == [3, 3]
+    np.testing.assert_array_equal(episodes[1].states, states[1])
+    np.testing.assert_array_equal(episodes[1].rewards, rewards[1])
+
+
+@pytest.mark.parametrize(
+    ('data', 'message'),
+    [
+        ([], 'there are 0 episodes'),
+        ([episode(channels=2), episode(channels=3)], 'episode 1 has 3 channels; expected 2'),
+        ([np.zeros((3, 2))], 'episode 0 is a ndarray'),
+        ((np.zeros((2, 3, 4)), np.zeros((2, 4))), r'\(2, 3, 4\) and \(2, 4\)'),
+    ],
+)
+def test_bad_episodes_are_refused_by_name(data, message):
+    with pytest.raises(ValueError, match=message):
+        as_episodes(data)
+
+
+def test_buffer_keeps_the_newest_and_snapshots_do_not_change():
+    buffer = EpisodeBuffer(max_episodes=2)
+    for value in range(3):
+        buffer.append(episode(value=value))
+    snapshot = buffer.snapshot()
+    assert [e.states[0, 0] for e in snapshot] == [1, 2]
+    assert (len(buffer), buffer.num_steps) == (2, 6)
+    assert buffer.nbytes == 2 * (3 * 2 + 3) * 8
+    buffer.max_episodes = 1
+    assert [e.states[0, 0] for e in buffer.snapshot()] == [2]
+    buffer.clear()
+    assert len(buffer) == 0
+    assert len(snapshot) == 2
+
+
+def test_buffer_refuses_other_channels_and_sizes_and_keeps_what_it_has():
+    buffer = EpisodeBuffer(max_episodes=2)
+    buffer.append(episode(channels=2))
+    with pytest.raises(ValueError, match='the episode has 3 channels; expected 2'):
+        buffer.append(episode(channels=3))
+    with pytest.raises(ValueError, match='max_episodes is 0'):
+        buffer.max_episodes = 0
+    assert len(buffer) == 1

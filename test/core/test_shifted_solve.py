@@ -1,0 +1,47 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cmifs_ros.core.shifted_solve import shifted_solve
+
+SHIFTS = np.logspace(-3, 1, 9)
+
+
+@settings(deadline=None)
+@given(
+    size=st.integers(1, 40),
+    rank=st.integers(0, 40),
+    scale=st.floats(1e-6, 1e3),
+    seed=st.integers(0, 2**32 - 1),
+)
+def test_solutions_satisfy_every_shifted_system(size, rank, scale, seed):
+    rng = np.random.default_rng(seed)
+    factors = scale * rng.normal(size=(3, size, rank))
+    matrices = factors @ factors.transpose(0, 2, 1)
+    rhs = rng.normal(size=(3, size))
+    solutions = shifted_solve(matrices, rhs, SHIFTS)
+    identity = np.eye(size)
+    for matrix, b, solution in zip(matrices, rhs, solutions, strict=True):
+        for shift, x in zip(SHIFTS, solution, strict=True):
+            residual = (matrix + shift * identity) @ x - b
+            assert np.linalg.norm(residual) <= 1e-9 * (1 + np.linalg.norm(matrix)) * np.linalg.norm(
+                b
+            )
+
+
+@pytest.mark.parametrize('kind', ['zero right-hand side', 'identity', 'mixed'])
+def test_problems_that_end_early_do_not_disturb_their_neighbours(kind):
+    rng = np.random.default_rng(0)
+    factor = rng.normal(size=(30, 30))
+    matrices = np.stack([factor @ factor.T, np.eye(30), np.zeros((30, 30))])
+    rhs = rng.normal(size=(3, 30))
+    if kind == 'zero right-hand side':
+        rhs[1] = 0
+    if kind == 'identity':
+        matrices[0] = 2 * np.eye(30)
+    expected = np.linalg.solve(
+        matrices[:, None] + SHIFTS[:, None, None] * np.eye(30),
+        np.broadcast_to(rhs[:, None, :, None], (3, 9, 30, 1)),
+    )[..., 0]
+    np.testing.assert_allclose(shifted_solve(matrices, rhs, SHIFTS), expected, rtol=1e-8, atol=1e-9)
