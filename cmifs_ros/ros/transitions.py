@@ -201,6 +201,7 @@ class EpisodeAssembler:
             )
             self._break_episode('lost_state', 'an episode has a reward without its state')
             self._skipping = not sample.ends_episode
+            self._previous = sample
 
     def _extend(self, transition: Transition) -> list[Episode]:
         """Add a transition to the open episode, or begin one with it."""

@@ -1,0 +1,267 @@
+import itertools
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cmifs_ros.ros.transitions import MAX_PENDING, EpisodeAssembler, RewardSample
+
+NAMES = ('a', 'b')
+
+
+def state_of(number):
+    """Return a state that tells which transition it belongs to."""
+    return np.array([float(number), -float(number)])
+
+
+def sample_of(number, step, length, *, fields=('ends', 'episode', 'step'), episode=0):
+    ends = step == length - 1
+    return RewardSample(
+        reward=float(number),
+        terminated=False if 'ends' in fields else None,
+        truncated=ends if 'ends' in fields else None,
+        episode=episode if 'episode' in fields else None,
+        step=step if 'step' in fields else None,
+    )
+
+
+def stream(lengths, fields=('ends', 'episode', 'step'), period=10):
+    """Return (stamp, state, sample) of each transition of some episodes."""
+    transitions = []
+    for episode, length in enumerate(lengths):
+        for step in range(length):
+            number = len(transitions)
+            sample = sample_of(number, step, length, fields=fields, episode=episode)
+            transitions.append(((number + 1) * period, state_of(number), sample))
+    return transitions
+
+
+def feed(assembler, transitions):
+    episodes = []
+    for stamp, state, sample in transitions:
+        episodes += assembler.add_state(stamp, NAMES, state)
+        episodes += assembler.add_reward(stamp, sample)
+    return episodes
+
+
+def rewards(episodes):
+    return [e.rewards.tolist() for e in episodes]
+
+
+@pytest.mark.parametrize('fields', [('ends', 'episode', 'step'), ('ends',), ('episode', 'step')])
+def test_whole_episodes_come_out_as_they_went_in(fields):
+    assembler = EpisodeAssembler(100)
+    episodes = feed(assembler, stream([3, 1, 2, 1], fields))
+    expected = [[0, 1, 2], [3], [4, 5], [6]]
+    # Without end marks an episode is known to be over when the next one begins.
+    assert rewards(episodes) == (expected if 'ends' in fields else expected[:-1])
+    for episode in episodes:
+        np.testing.assert_array_equal(episode.states[:, 0], episode.rewards)
+        np.testing.assert_array_equal(episode.states[:, 1], -episode.rewards)
+    assert not assembler.dropped_messages
+    assert not assembler.dropped_episodes
+    assert assembler.num_transitions == 7
+
+
+def test_without_any_boundaries_episodes_are_closed_at_the_limit():
+    assembler = EpisodeAssembler(3)
+    assert rewards(feed(assembler, stream([8], fields=()))) == [[0, 1, 2], [3, 4, 5]]
+    assert assembler.num_cut == 2
+
+
+def test_an_episode_that_never_ends_is_cut_and_goes_on_as_a_new_one():
+    assembler = EpisodeAssembler(3)
+    assert rewards(feed(assembler, stream([7]))) == [[0, 1, 2], [3, 4, 5], [6]]
+    assert assembler.num_cut == 2
+    assert not assembler.dropped_episodes
+
+
+def lose(transitions, *, states=(), samples=()):
+    """Return the messages in order, without those of the given transitions."""
+    messages = []
+    for number, (stamp, state, sample) in enumerate(transitions):
+        if number not in states:
+            messages.append(('state', stamp, state))
+        if number not in samples:
+            messages.append(('reward', stamp, sample))
+    return messages
+
+
+def deliver(assembler, messages):
+    episodes = []
+    for kind, stamp, content in messages:
+        if kind == 'state':
+            episodes += assembler.add_state(stamp, NAMES, content)
+        else:
+            episodes += assembler.add_reward(stamp, content)
+    return episodes
+
+
+@pytest.mark.parametrize(
+    ('lost', 'message_cause', 'episode_cause'),
+    [
+        ({'states': {4}}, 'reward_without_state', 'lost_state'),
+        ({'samples': {4}}, 'state_without_reward', 'step_gap'),
+        ({'states': {4}, 'samples': {4}}, None, 'step_gap'),
+    ],
+)
+def test_an_episode_with_a_lost_transition_is_dropped_and_counted(
+    lost, message_cause, episode_cause
+):
+    assembler = EpisodeAssembler(100)
+    episodes = deliver(assembler, lose(stream([3, 3, 3]), **lost))
+    assert rewards(episodes) == [[0, 1, 2], [6, 7, 8]]
+    assert assembler.dropped_episodes == {episode_cause: 1}
+    assert assembler.dropped_messages == ({message_cause: 1} if message_cause else {})
+    assert assembler.num_pending == 0
+    assert assembler.last_drop
+
+
+@pytest.mark.parametrize('lost', [{2}, {5}])
+def test_a_lost_end_drops_that_episode_alone(lost):
+    assembler = EpisodeAssembler(100)
+    episodes = deliver(assembler, lose(stream([3, 3, 3]), states=lost, samples=lost))
+    kept = [[0, 1, 2], [3, 4, 5], [6, 7, 8]]
+    del kept[lost.pop() // 3]
+    assert rewards(episodes) == kept
+    assert assembler.dropped_episodes == {'lost_end': 1}
+
+
+def test_joining_midway_waits_for_the_next_beginning():
+    assembler = EpisodeAssembler(100)
+    assert rewards(feed(assembler, stream([5, 2])[2:])) == [[5, 6]]
+    assert assembler.dropped_episodes == {'joined_midway': 1}
+
+
+def test_channels_are_matched_by_name():
+    assembler = EpisodeAssembler(100)
+    assembler.add_state(10, ('a', 'b'), np.array([1.0, 2.0]))
+    assembler.add_reward(10, sample_of(0, 0, 2))
+    assembler.add_state(20, ('b', 'a'), np.array([4.0, 3.0]))
+    (episode,) = assembler.add_reward(20, sample_of(1, 1, 2))
+    assert episode.states.tolist() == [[1, 2], [3, 4]]
+
+
+@pytest.mark.parametrize(
+    ('names', 'values', 'cause'),
+    [
+        (('a', 'b'), [1.0], 'wrong_length'),
+        ((), [], 'wrong_length'),
+        ((), [1.0, 2.0], 'wrong_length'),
+        (('a', 'c'), [1.0, 2.0], 'wrong_channels'),
+        (('a', 'b', 'c'), [1.0, 2.0, 3.0], 'wrong_channels'),
+        (('a',), [1.0], 'wrong_channels'),
+        (('a', 'a'), [1.0, 2.0], 'wrong_channels'),
+        (('a', ''), [1.0, 2.0], 'wrong_channels'),
+        (('a', 'b'), [1.0, np.nan], 'not_finite'),
+        (('b', 'a'), [np.inf, 1.0], 'not_finite'),
+    ],
+)
+def test_an_unusable_state_is_counted_and_disturbs_only_its_episode(names, values, cause):
+    assembler = EpisodeAssembler(100)
+    transitions = stream([2, 2, 2])
+    episodes = feed(assembler, transitions[:2])
+    assembler.add_state(transitions[2][0], names, np.array(values))
+    assembler.add_reward(transitions[2][0], transitions[2][2])
+    episodes += feed(assembler, transitions[3:])
+    assert rewards(episodes) == [[0, 1], [4, 5]]
+    assert assembler.dropped_messages == {cause: 1, 'reward_without_state': 1}
+    assert sum(assembler.dropped_episodes.values()) == 1
+
+
+def test_a_first_state_with_bad_names_does_not_become_the_norm():
+    assembler = EpisodeAssembler(100)
+    assembler.add_state(1, ('a', 'a'), np.zeros(2))
+    assembler.add_state(2, ('a', 'b'), np.array([0.0, np.nan]))
+    assert assembler.channel_names is None
+    assert rewards(feed(assembler, stream([2]))) == [[0, 1]]
+
+
+def test_duplicates_are_counted_and_change_nothing():
+    assembler = EpisodeAssembler(100)
+    messages = [m for m in lose(stream([3, 2])) for _ in range(2)]
+    assert rewards(deliver(assembler, messages)) == [[0, 1, 2], [3, 4]]
+    assert assembler.dropped_messages == {'duplicate_stamp': 10}
+    assert not assembler.dropped_episodes
+
+
+def test_time_running_backwards_begins_anew():
+    assembler = EpisodeAssembler(100)
+    once = stream([3, 3])
+    episodes = feed(assembler, once[:5]) + feed(assembler, once)
+    assert rewards(episodes) == [[0, 1, 2], [0, 1, 2], [3, 4, 5]]
+    assert assembler.dropped_episodes == {'time_backwards': 1}
+
+
+def test_streams_may_run_ahead_of_each_other():
+    assembler = EpisodeAssembler(100)
+    transitions = stream([3, 2])
+    for stamp, state, _ in transitions:
+        assert assembler.add_state(stamp, NAMES, state) == []
+    episodes = []
+    for stamp, _, sample in transitions:
+        episodes += assembler.add_reward(stamp, sample)
+    assert rewards(episodes) == [[0, 1, 2], [3, 4]]
+
+
+def test_what_waits_is_bounded():
+    assembler = EpisodeAssembler(100)
+    for stamp in range(MAX_PENDING + 5):
+        assembler.add_state(stamp, NAMES, state_of(0))
+    assert assembler.num_pending == MAX_PENDING
+    assert assembler.dropped_messages == {'state_without_reward': 5}
+
+
+def test_fields_may_come_and_go_without_harm():
+    assembler = EpisodeAssembler(100)
+    for number in range(20):
+        fields = [('step',), ('episode', 'step'), ('ends',), ()][number % 4]
+        assembler.add_state(number, NAMES, state_of(number))
+        assembler.add_reward(number, sample_of(number, number % 3, 3, fields=fields))
+    assert assembler.num_transitions == 20
+
+
+def test_clear_forgets_channels_and_what_is_open_but_not_the_counts():
+    assembler = EpisodeAssembler(100)
+    assembler.add_state(1, ('a', ''), np.zeros(2))
+    feed(assembler, stream([3])[:2])
+    assembler.clear()
+    assert assembler.channel_names is None
+    assert assembler.num_pending == 0
+    assert assembler.dropped_messages == {'wrong_channels': 1}
+    assert rewards(feed(assembler, stream([3, 1]))) == [[0, 1, 2], [3]]
+
+
+@settings(deadline=None, max_examples=300)
+@given(data=st.data())
+def test_every_episode_that_comes_out_was_sent_complete_and_in_order(data):
+    lengths = data.draw(st.lists(st.integers(1, 5), min_size=1, max_size=8))
+    transitions = stream(lengths)
+    count = len(transitions)
+    numbers = st.sets(st.integers(0, count - 1), max_size=4)
+    states, samples = data.draw(numbers), data.draw(numbers)
+    messages = lose(transitions, states=states, samples=samples)
+    for kind in data.draw(st.lists(st.sampled_from(['repeat', 'swap', 'nan']), max_size=4)):
+        if len(messages) < 2:
+            break
+        i = data.draw(st.integers(0, len(messages) - 2))
+        if kind == 'repeat':
+            messages.insert(i, messages[i])
+        elif kind == 'swap':
+            messages[i], messages[i + 1] = messages[i + 1], messages[i]
+        elif messages[i][0] == 'state':
+            messages[i] = ('state', messages[i][1], np.full(2, np.nan))
+
+    assembler = EpisodeAssembler(100)
+    episodes = deliver(assembler, messages)
+    starts = np.cumsum([0, *lengths])
+    sent = [list(range(a, b)) for a, b in itertools.pairwise(starts)]
+    received = rewards(episodes)
+    assert all(episode in sent for episode in received)
+    assert received == sorted(received)
+    for episode in episodes:
+        np.testing.assert_array_equal(episode.states[:, 0], episode.rewards)
+    noticed = assembler.dropped_messages + assembler.dropped_episodes
+    # A single-step episode that is lost altogether leaves no trace.
+    assert received == sent or noticed or assembler.num_pending or states & samples
