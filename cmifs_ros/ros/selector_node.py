@@ -90,11 +90,13 @@ class SelectorNode(Node):
         self._diagnostics_publisher = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
         self.create_subscription(JointState, 'state', self._on_state, STREAM_QOS)
         self.create_subscription(JointState, 'reward', self._on_reward, STREAM_QOS)
-        # A call waits for its selection; in a group of its own it holds up nothing.
+        # A call waits for its selection; in a group of its own it holds up nothing. The usual
+        # depth of 10 would lose calls that come in a burst.
         self.create_service(
             Trigger,
             'select_features',
             self._on_select_features,
+            qos_profile=STREAM_QOS,
             callback_group=ReentrantCallbackGroup(),
         )
         self.create_service(Trigger, '~/clear_episodes', self._on_clear_episodes)

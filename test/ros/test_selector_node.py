@@ -1,0 +1,363 @@
+import json
+import os
+import signal
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from ament_index_python.packages import get_package_share_directory
+from rcl_interfaces.srv import DescribeParameters, ListParameters
+from sensor_msgs.msg import JointState
+
+from cmifs_ros.core import ConditionalMISelector, Episode
+from cmifs_ros.ros.transitions import RewardSample
+from cmifs_ros.sim import channel_names, rollout
+
+NAMES = ('a', 'b', 'c')
+
+
+def small_episodes(count=24, steps=3, seed=0):
+    """Return episodes whose reward is channel c, with some noise."""
+    rng = np.random.default_rng(seed)
+    episodes = []
+    for _ in range(count):
+        states = rng.normal(size=(steps, 3))
+        episodes.append(Episode(states, states[:, 2] + 0.1 * rng.normal(size=steps)))
+    return episodes
+
+
+def is_running(pid):
+    """Tell whether a process lives; a zombie does not."""
+    try:
+        return Path(f'/proc/{pid}/stat').read_text().rsplit(')', 1)[1].split()[0] != 'Z'
+    except (FileNotFoundError, ProcessLookupError):
+        return False
+
+
+@pytest.fixture
+def selector(start, robot):
+    node = start('selector_node', selection_period=0.0)
+    robot.wait_for_selector()
+    return node
+
+
+def test_the_service_gives_what_the_selector_finds_on_the_same_episodes(start, robot):
+    start('selector_node', selection_period=0.0, num_features=2, random_state=3)
+    robot.wait_for_selector()
+    names = channel_names('with_gravel')
+    episodes = rollout('with_gravel', 25, seed=1)
+    robot.publish_episodes(episodes, names)
+    robot.wait_for_episodes(25)
+    reply = robot.call(robot.select_client)
+    assert reply.success, reply.message
+    found = json.loads(reply.message)
+
+    own = ConditionalMISelector(2, random_state=3).fit(episodes, names=names)
+    assert found['indices'] == own.get_support(indices=True).tolist()
+    assert found['names'] == own.get_feature_names_out().tolist()
+    assert found['scores'] == pytest.approx(own.scores_.tolist(), abs=1e-12)
+    assert (found['episodes'], found['steps']) == (25, 500)
+    assert found['seconds'] > 0
+    assert '\n' not in reply.message
+
+    # Latched: somebody who comes late still gets them.
+    assert robot.latched('selected_indices').data.tolist() == found['indices']
+    scores = robot.latched('scores', JointState)
+    assert list(scores.name) == found['ranking']
+    np.testing.assert_allclose(np.cumsum(scores.position), found['scores'])
+
+
+def test_selected_state_carries_the_selected_channels_with_the_header(selector, robot):
+    robot.set_parameter('num_features', 1)
+    robot.publish_state(5, NAMES, [1.0, 2.0, 3.0])
+    robot.until(lambda: robot.selected)
+    assert list(robot.selected[0].name) == list(NAMES)  # all of them until there is a selection
+    assert robot.selected[0].position.tolist() == [1, 2, 3]
+
+    robot.publish_episodes(small_episodes(), NAMES, begin=1_000)
+    robot.wait_for_episodes(24)
+    assert json.loads(robot.call(robot.select_client).message)['names'] == ['c']
+    for names, values in (
+        (NAMES, [1.0, 2.0, 3.0]),
+        (('c', 'b', 'a'), [3.0, 2.0, 1.0]),  # another order
+        (('new', 'c'), [9.0, 3.0]),  # other channels, but the selected one is there
+        (NAMES, [np.nan, 2.0, 3.0]),  # a broken sensor that does not matter
+    ):
+        robot.selected.clear()
+        robot.publish_state(7_123_456_789, names, values)
+        robot.until(lambda: robot.selected)
+        (msg,) = robot.selected
+        assert list(msg.name) == ['c']
+        assert msg.position.tolist() == [3.0]
+        assert (msg.header.stamp.sec, msg.header.stamp.nanosec) == (7, 123_456_789)
+        assert msg.header.frame_id == 'base'
+
+
+def test_nothing_passes_before_the_selection_if_so_wished(start, robot):
+    start('selector_node', selection_period=0.0, pass_through_until_selected=False)
+    robot.wait_for_selector()
+    robot.publish_episodes(small_episodes(), NAMES)
+    robot.wait_for_episodes(24)
+    assert not robot.selected
+    assert robot.call(robot.select_client).success
+    robot.publish_state(1_000_000_000, NAMES, [1.0, 2.0, 3.0])
+    robot.until(lambda: robot.selected)
+
+
+def test_too_few_episodes_are_refused_with_the_numbers(selector, robot):
+    robot.publish_episodes(small_episodes(3), NAMES)
+    robot.wait_for_episodes(3)
+    reply = robot.call(robot.select_client)
+    assert not reply.success
+    answer = json.loads(reply.message)
+    assert (answer['episodes'], answer['min_episodes']) == (3, 20)
+    assert 'there are 3 episodes; a selection needs at least 20' in answer['error']
+
+
+def test_state_keeps_flowing_and_nothing_is_lost_while_a_selection_runs(
+    selector, robot, record_property
+):
+    names = channel_names('with_gravel')
+    robot.publish_episodes(rollout('with_gravel', 30, seed=0), names)
+    robot.wait_for_episodes(30)
+    robot.set_parameter('max_episodes', 1000)
+    robot.selected.clear()
+    robot.arrivals.clear()
+
+    future = robot.select_client.call_async(robot.select_client.srv_type.Request())
+    more = rollout('with_gravel', 400, seed=1)
+    stamp, sent, period = 10**12, 0, 0.005
+    begin = time.monotonic()
+    while not future.done():
+        assert sent < len(more), 'the selection took too long for this test'
+        stamp = robot.publish_episodes([more[sent]], names, begin=stamp)
+        sent += 1
+        deadline = begin + sent * 20 * period
+        robot.until(lambda deadline=deadline: time.monotonic() >= deadline or future.done())
+    assert future.result().success
+    robot.wait_for_episodes(30 + sent)
+    robot.until(lambda: len(robot.selected) == 20 * sent)
+    gap = max(np.diff(robot.arrivals))
+    print(f'{sent} episodes during the selection, largest gap of selected_state {gap:.3f} s')
+    record_property('largest_gap_s', gap)
+    assert sent > 3
+    assert gap < 1.0
+    assert robot.value('transitions') == 20 * (30 + sent)
+    assert not [key for key in robot.diagnostics['selector: input'][2] if 'dropped' in key]
+
+
+def test_many_callers_share_few_computations(selector, robot):
+    robot.publish_episodes(small_episodes(), NAMES)
+    robot.wait_for_episodes(24)
+    request = robot.select_client.srv_type.Request()
+    futures = [robot.select_client.call_async(request) for _ in range(20)]
+    robot.until(lambda: all(f.done() for f in futures), 60)
+    assert all(f.result().success for f in futures)
+    assert len({f.result().message for f in futures}) <= 2
+
+
+@pytest.mark.parametrize(
+    ('names', 'values', 'cause'),
+    [
+        (NAMES, [1.0, 2.0], 'wrong_length'),
+        (NAMES, [1.0, np.nan, 2.0], 'not_finite'),
+        (('a', 'b', 'renamed'), [1.0, 2.0, 3.0], 'wrong_channels'),
+        ((*NAMES, 'unknown'), [1.0, 2.0, 3.0, 4.0], 'wrong_channels'),
+    ],
+)
+def test_a_bad_state_is_counted_warned_of_and_disturbs_nothing_else(
+    selector, robot, names, values, cause
+):
+    stamp = robot.publish_episodes(small_episodes(1), NAMES)
+    robot.publish_state(stamp, names, values)
+    robot.publish_reward(stamp, RewardSample(1.0, False, False, 1, 0))
+    robot.publish_episodes(small_episodes(2), NAMES, begin=stamp + 10)
+    robot.wait_for_episodes(3)
+    assert robot.value(f'messages dropped: {cause}') == 1
+    assert robot.value('messages dropped: reward_without_state') == 1
+    robot.until(lambda: f'1 {cause}' in selector.output)
+    assert 'Traceback' not in selector.output
+
+
+def test_duplicates_orphans_and_gaps_are_counted(selector, robot):
+    robot.publish_state(10, NAMES, [1.0, 2.0, 3.0])
+    robot.publish_state(10, NAMES, [1.0, 2.0, 3.0])
+    robot.publish_reward(10, RewardSample(1.0, False, False, 0, 0))
+    robot.publish_reward(20, RewardSample(1.0, False, False, 0, 1))  # has no state
+    robot.publish_state(30, NAMES, [1.0, 2.0, 3.0])  # has no reward
+    robot.publish_state(40, NAMES, [1.0, 2.0, 3.0])
+    robot.publish_reward(40, RewardSample(1.0, False, True, 0, 3))
+    for step in (0, 2):
+        robot.publish_state(50 + step, NAMES, [1.0, 2.0, 3.0])
+        robot.publish_reward(50 + step, RewardSample(1.0, False, step == 2, 1, step))
+    robot.publish_fields(60, nothing=1.0)
+    robot.publish_episodes(small_episodes(2), NAMES, begin=100)
+    robot.wait_for_episodes(2)
+    for cause in (
+        'messages dropped: duplicate_stamp',
+        'messages dropped: reward_without_state',
+        'messages dropped: state_without_reward',
+        'messages dropped: malformed_reward',
+        'episodes dropped: lost_state',
+        'episodes dropped: step_gap',
+    ):
+        assert robot.value(cause) == 1, cause
+    robot.until(lambda: robot.diagnostics['selector: input'][0] == b'\x01')
+
+
+def test_rewards_alone_are_enough_and_what_they_lack_is_said_once(start, robot):
+    node = start('selector_node', selection_period=0.0, max_episode_steps=4)
+    robot.wait_for_selector()
+    for number in range(8):
+        robot.publish_state(number + 1, NAMES, [number, 0.0, 0.0])
+        robot.publish_fields(number + 1, reward=1.0)
+    robot.wait_for_episodes(2)
+    assert node.output.count('an episode is closed only at max_episode_steps=4') == 1
+    assert node.output.count('carry no `step`') == 1
+
+
+@pytest.mark.parametrize(
+    ('name', 'value', 'reason'),
+    [
+        ('gamma', 1.5, 'out of range'),
+        ('gamma', 'high', 'type'),
+        ('criterion', 'x', "criterion is 'x'; expected one of held_out, plug_in"),
+        ('direction', 'up', "direction is 'up'; expected one of forward, backward"),
+        ('min_episodes', 200, 'expected min_episodes <= max_episodes'),
+        ('max_episodes', 1, 'out of range'),
+        ('num_features', -1, 'out of range'),
+        ('sensor_groups', 'pose', "sensor_groups has 'pose'; expected"),
+    ],
+)
+def test_bad_parameters_are_refused_with_a_reason(selector, robot, name, value, reason):
+    result = robot.set_parameter(name, value)
+    assert not result.successful
+    assert reason in result.reason
+    assert selector.process.poll() is None
+
+
+def test_accepted_parameters_take_effect_while_running(selector, robot):
+    robot.publish_episodes(small_episodes(24), NAMES)
+    robot.wait_for_episodes(24)
+    assert robot.set_parameter('max_episodes', 22).successful
+    robot.wait_for_episodes(22)
+    assert robot.set_parameter('sensor_groups', 'pair=a,c').successful
+    assert robot.set_parameter('num_features', 1).successful
+    assert json.loads(robot.call(robot.select_client).message)['names'] == ['a', 'c']
+    assert robot.set_parameter('num_features', 9).successful
+    answer = json.loads(robot.call(robot.select_client).message)
+    assert answer['error'] == 'num_features is 9; expected 1 to 2, the number of sensors, or None'
+
+
+def test_a_bad_parameter_at_the_start_is_one_sentence(start):
+    node = start('selector_node', criterion='nonsense')
+    assert node.process.wait(20) == 2
+    assert node.output == "criterion is 'nonsense'; expected one of held_out, plug_in\n"
+
+
+def test_selections_come_by_themselves_when_there_are_new_episodes(start, robot):
+    start('selector_node', selection_period=0.5)
+    robot.wait_for_selector()
+    robot.publish_episodes(small_episodes(), NAMES)
+    assert 2 in robot.latched('selected_indices').data
+
+
+def test_cleared_episodes_are_gone_and_other_channels_welcome(selector, robot):
+    robot.publish_episodes(small_episodes(2), NAMES)
+    robot.wait_for_episodes(2)
+    reply = robot.call(robot.clear_client)
+    assert (reply.success, json.loads(reply.message)) == (True, {'episodes': 2})
+    robot.wait_for_episodes(0)
+    robot.publish_episodes(small_episodes(1), ('d', 'e', 'f'), begin=10**12)
+    robot.wait_for_episodes(1)
+
+
+def test_a_killed_worker_is_reported_and_replaced(selector, robot):
+    names = channel_names('with_gravel')
+    robot.publish_episodes(rollout('with_gravel', 40, seed=0), names)
+    robot.wait_for_episodes(40)
+    future = robot.select_client.call_async(robot.select_client.srv_type.Request())
+    robot.until(
+        lambda: (
+            robot.diagnostics['selector: selection'][2]['worker'] == 'computing'
+            and robot.diagnostics['selector: selection'][2]['worker pid'] != 'none'
+        )
+    )
+    os.kill(int(robot.diagnostics['selector: selection'][2]['worker pid']), signal.SIGKILL)
+    robot.until(future.done)
+    assert not future.result().success
+    assert 'the worker process died' in future.result().message
+    robot.set_parameter('num_features', 1)
+    assert robot.call(robot.select_client).success
+    assert json.loads(robot.call(robot.select_client).message)['episodes'] == 40
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize('moment', ['idle', 'selecting', 'spawning'])
+def test_signals_end_the_node_and_its_worker_cleanly(selector, robot, number, moment):
+    if moment != 'idle':
+        robot.publish_episodes(rollout('with_gravel', 40, seed=0), channel_names('with_gravel'))
+        robot.wait_for_episodes(40)
+        robot.select_client.call_async(robot.select_client.srv_type.Request())
+        robot.until(lambda: len(selector.children()) >= 2)  # the worker and its tracker
+        if moment == 'selecting':
+            status = 'selector: selection'
+            robot.until(lambda: robot.diagnostics[status][2]['worker'] == 'computing')
+    children = selector.children()
+    # Ctrl-C reaches the whole group of the terminal.
+    code, seconds = selector.end(number, group=number == signal.SIGINT)
+    assert code == 0
+    assert seconds < 2
+    assert 'Traceback' not in selector.output
+    robot.until(lambda: not any(map(is_running, children)), 2)
+
+
+def test_a_worker_does_not_outlive_a_killed_node(selector, robot):
+    robot.publish_episodes(rollout('with_gravel', 40, seed=0), channel_names('with_gravel'))
+    robot.wait_for_episodes(40)
+    robot.select_client.call_async(robot.select_client.srv_type.Request())
+    status = 'selector: selection'
+    robot.until(lambda: robot.diagnostics[status][2]['worker'] == 'computing')
+    children = selector.children()
+    assert children
+    os.kill(selector.process.pid, signal.SIGKILL)
+    selector.process.wait()
+    robot.until(lambda: not any(map(is_running, children)), 5)
+
+
+def test_names_follow_the_namespace(start, robot):
+    start('selector_node', '-r', '__ns:=/robot1')
+    expected = {
+        '/robot1/state', '/robot1/reward', '/robot1/selected_state',
+        '/robot1/selected_indices', '/robot1/scores', '/diagnostics',
+    }  # fmt: skip
+    robot.until(lambda: expected <= {name for name, _ in robot.node.get_topic_names_and_types()})
+    services = {'/robot1/select_features', '/robot1/selector/clear_episodes'}
+    robot.until(lambda: services <= {n for n, _ in robot.node.get_service_names_and_types()})
+
+
+@pytest.mark.parametrize(('executable', 'node'), [
+    ('selector_node', 'selector'), ('simulator_node', 'simulator'),
+])  # fmt: skip
+def test_the_parameter_file_names_every_parameter_with_its_default(start, robot, executable, node):
+    start(executable)
+    lister = robot.node.create_client(ListParameters, f'{node}/list_parameters')
+    describer = robot.node.create_client(DescribeParameters, f'{node}/describe_parameters')
+    robot.until(lister.service_is_ready)
+    robot.until(describer.service_is_ready)
+    foreign = ('use_sim_time', 'start_type_description_service', 'qos_overrides')
+    names = [
+        name
+        for name in robot.call(lister, ListParameters.Request()).result.names
+        if not name.startswith(foreign)
+    ]
+    path = Path(get_package_share_directory('cmifs_ros'), 'config', 'cmifs_ros.yaml')
+    written = yaml.safe_load(path.read_text())[f'/**/{node}']['ros__parameters']
+    assert set(written) == set(names)
+    described = robot.call(describer, DescribeParameters.Request(names=names)).descriptors
+    assert all(d.description for d in described)
+    start(executable, '--params-file', str(path), '-r', f'__node:={node}', '-r', '__ns:=/again')
+    again = robot.node.create_client(ListParameters, f'/again/{node}/list_parameters')
+    robot.until(again.service_is_ready)

@@ -1,0 +1,102 @@
+import signal
+
+import numpy as np
+import pytest
+from nav_msgs.msg import OccupancyGrid
+from rclpy.parameter import Parameter
+from rclpy.parameter_client import AsyncParameterClient
+from rclpy.qos import QoSProfile
+from sensor_msgs.msg import JointState
+from visualization_msgs.msg import MarkerArray
+
+from cmifs_ros.ros import conversions
+from cmifs_ros.ros.transitions import EpisodeAssembler
+from cmifs_ros.sim import channel_names, rollout
+from cmifs_ros.sim.grid_world import WALLS
+
+QOS = QoSProfile(depth=1000)
+
+
+class Listener:
+    """Joins what the simulator publishes to episodes, as any node could."""
+
+    def __init__(self, robot):
+        self.assembler = EpisodeAssembler(1000)
+        self.episodes = []
+        self.state_names = []
+        self.reward_names = set()
+        robot.node.create_subscription(JointState, 'state', self._on_state, QOS)
+        robot.node.create_subscription(JointState, 'reward', self._on_reward, QOS)
+
+    def _on_state(self, msg):
+        names, values = conversions.named_values(msg)
+        self.state_names.append(names)
+        stamp = conversions.stamp_to_nanoseconds(msg.header.stamp)
+        self.episodes += self.assembler.add_state(stamp, names, values)
+
+    def _on_reward(self, msg):
+        self.reward_names.add(tuple(msg.name))
+        stamp = conversions.stamp_to_nanoseconds(msg.header.stamp)
+        self.episodes += self.assembler.add_reward(stamp, conversions.reward_sample(msg))
+
+
+@pytest.mark.parametrize('scenario', ['without_gravel', 'with_gravel'])
+def test_it_publishes_the_episodes_of_its_seed_and_none_is_lost(start, robot, scenario):
+    node = start('simulator_node', rate=500.0, seed=4, num_episodes=5, scenario=scenario)
+    listener = Listener(robot)
+    robot.until(lambda: len(listener.episodes) == 5)
+    for episode, expected in zip(listener.episodes, rollout(scenario, 5, seed=4), strict=True):
+        np.testing.assert_array_equal(episode.states, expected.states)
+        np.testing.assert_array_equal(episode.rewards, expected.rewards)
+    assert set(listener.state_names) == {channel_names(scenario)}
+    assert listener.reward_names == {
+        ('reward', 'action', 'terminated', 'truncated', 'episode', 'step')
+    }
+    assert not listener.assembler.dropped_messages
+    robot.until(lambda: 'published 5 episodes' in node.output)
+
+
+def test_the_scenario_changes_with_the_next_episode(start, robot):
+    start('simulator_node', rate=200.0)
+    listener = Listener(robot)
+    robot.until(lambda: listener.episodes)
+    client = AsyncParameterClient(robot.node, 'simulator')
+    robot.until(client.services_are_ready)
+
+    def set_scenario(value):
+        future = client.set_parameters([Parameter('scenario', value=value)])
+        robot.until(future.done)
+        return future.result().results[0]
+
+    refused = set_scenario('mars')
+    assert not refused.successful
+    assert "scenario is 'mars'; expected one of without_gravel, with_gravel" in refused.reason
+    assert set_scenario('with_gravel').successful
+    robot.until(lambda: listener.state_names[-1] == channel_names('with_gravel'))
+    change = listener.state_names.index(channel_names('with_gravel'))
+    assert change % 20 == 0
+    assert set(listener.state_names[:change]) == {channel_names('without_gravel')}
+
+
+def test_the_map_is_latched_and_the_robot_marked(start, robot):
+    start('simulator_node', rate=100.0, scenario='with_gravel')
+    Listener(robot)
+    markers = []
+    robot.node.create_subscription(MarkerArray, 'markers', markers.append, 10)
+    robot.until(lambda: markers)
+    assert markers[0].markers[1].text.startswith('battery ')
+    grid = robot.latched('map', OccupancyGrid)
+    cells = np.array(grid.data).reshape(grid.info.height, grid.info.width).T
+    np.testing.assert_array_equal(cells == 100, WALLS)
+    assert set(np.unique(cells)) <= {0, 50, 100}
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_signals_end_it_cleanly(start, robot, number):
+    node = start('simulator_node', rate=1000.0)
+    listener = Listener(robot)
+    robot.until(lambda: listener.episodes)
+    code, seconds = node.end(number)
+    assert code == 0
+    assert seconds < 2
+    assert 'Traceback' not in node.output

@@ -1,0 +1,83 @@
+import os
+import re
+import signal
+import subprocess
+import time
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip('rclpy', reason='ROS 2 is not here')
+from ament_index_python.packages import get_package_prefix
+
+
+@pytest.fixture
+def demo(tmp_path):
+    """Start the installed demo, small, in a process group of its own."""
+    running = []
+
+    def start(*arguments):
+        path = Path(get_package_prefix('cmifs_ros'), 'lib', 'cmifs_ros', 'demo')
+        with (tmp_path / 'output').open('w') as output:
+            process = subprocess.Popen(
+                [path, '--episodes', '20', '--num-features', '2', '--rate', '400', *arguments],
+                cwd=tmp_path,
+                env={k: v for k, v in os.environ.items() if k != 'ROS_DOMAIN_ID'},
+                stdout=output,
+                stderr=subprocess.STDOUT,
+                start_new_session=True,
+            )
+        running.append(process)
+        return process
+
+    yield start
+    for process in running:
+        for pid in group(process.pid):
+            os.kill(pid, signal.SIGKILL)
+        process.wait()
+
+
+def group(leader):
+    """Return the living processes of a process group."""
+    found = []
+    for stat in Path('/proc').glob('[0-9]*/stat'):
+        try:
+            fields = stat.read_text().rsplit(')', 1)[1].split()
+        except (FileNotFoundError, ProcessLookupError):
+            continue
+        if fields[0] != 'Z' and int(fields[2]) == leader:
+            found.append(int(stat.parent.name))
+    return found
+
+
+def test_the_demo_shows_ranking_and_received_states_and_saves_a_picture(demo, tmp_path):
+    process = demo()
+    assert process.wait(60) == 0, (tmp_path / 'output').read_text()
+    output = (tmp_path / 'output').read_text()
+    assert re.search(r'^ +1 +\w+ +\d+ +\d\.\d{3} +\d+%', output, re.M)
+    assert re.search(r'^  before  x=\d+ y=\d+ battery=\d+ noise_4=-?\d+', output, re.M)
+    assert len(re.findall(r'^  after   \w+=-?\d+ \w+=-?\d+$', output, re.M)) == 3
+    picture = Path(re.search(r'score path: (.*)', output)[1])
+    assert picture.read_bytes().startswith(b'\x89PNG')
+    assert group(process.pid) == []
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_interrupting_the_demo_leaves_no_process_behind(demo, tmp_path, number):
+    process = demo()
+    deadline = time.monotonic() + 20
+    while len(group(process.pid)) < 4:  # the demo and its three processes
+        assert time.monotonic() < deadline
+        time.sleep(0.1)
+    if number == signal.SIGINT:
+        os.killpg(process.pid, number)  # as a terminal does
+    else:
+        process.terminate()
+    assert process.wait(10) == 128 + number
+    assert group(process.pid) == []
+    assert 'Traceback' not in (tmp_path / 'output').read_text()
+
+
+def test_bad_arguments_are_one_clear_sentence(demo, tmp_path):
+    assert demo('--episodes', '1').wait(20) == 2
+    assert '--episodes is 1; expected at least 2' in (tmp_path / 'output').read_text()
