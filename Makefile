@@ -39,7 +39,7 @@ test: lint build .venv-oldest/ready
 	$(ENTER) && $(COLCON) test --event-handlers console_direct+ --return-code-on-test-failure
 	$(ENTER) && $(COLCON) test-result --verbose
 	@echo 'core and sim with the oldest NumPy and SciPy, without ROS:'
-	.venv-oldest/bin/python -m pytest -q test/core test/sim
+	PYTHONPATH= .venv-oldest/bin/python -m pytest -q test/core test/sim
 
 lint: $(VENV)/ready
 	$(VENV)/bin/ruff check . && $(VENV)/bin/ruff format --check .
@@ -68,6 +68,9 @@ define make_venv
 endef
 
 .venv-ros/ready: pyproject.toml
+	@if ! '$(PYTHON)' -c 'import rclpy' 2>/dev/null; then \
+		echo 'ROS 2 $(ROS_DISTRO) is sourced, but $(PYTHON) cannot import its rclpy: name the' \
+		'Python it was built for: make PYTHON=/usr/bin/python3 ...'; exit 1; fi
 	$(call make_venv,--system-site-packages,$(GROUPS))
 
 .venv/ready: pyproject.toml
@@ -76,5 +79,7 @@ endef
 		'install ROS 2 Jazzy, source it, and run make again'; exit 1; fi
 	$(call make_venv,,$(GROUPS))
 
+# NumPy and SciPy alone, also where ROS is sourced.
+.venv-oldest/ready: export PYTHONPATH :=
 .venv-oldest/ready: pyproject.toml
 	$(call make_venv,,oldest)

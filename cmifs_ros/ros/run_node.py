@@ -22,6 +22,8 @@ _SIGNAL_PERIOD = 0.1
 def run_node(make_node: Callable[[], Node]) -> int:
     """Run a node until SIGINT, SIGTERM or shutdown; return the process's exit code.
 
+    The code is 0, or 2 if the node cannot start as it was asked to.
+
     The signals end the loop between two callbacks. rclpy's own handlers would shut the
     context down in the middle of one, and its next publish would raise.
 
@@ -38,6 +40,10 @@ def run_node(make_node: Callable[[], Node]) -> int:
     node = None
     try:
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    except RuntimeError as error:  # A ROS argument or a parameter file cannot be read.
+        print(error, file=sys.stderr)
+        return 2
+    try:
         node = make_node()
         # The executor returns after each callback, so this also bounds the wait for one.
         node.create_timer(

@@ -257,6 +257,16 @@ def test_a_bad_parameter_at_the_start_is_one_sentence(start):
     assert node.output == "criterion is 'nonsense'; expected one of held_out, plug_in\n"
 
 
+@pytest.mark.parametrize(
+    'arguments', [('--params-file', '/nonexistent.yaml'), ('-r', '__node:=1bad')]
+)
+def test_unreadable_ros_arguments_are_named_without_a_traceback(start, arguments):
+    node = start('selector_node', *arguments)
+    assert node.process.wait(20) == 2
+    assert 'Traceback' not in node.output
+    assert arguments[1] in node.output
+
+
 def test_selections_come_by_themselves_when_there_are_new_episodes(start, robot):
     start('selector_node', selection_period=0.5)
     robot.wait_for_selector()
