@@ -8,7 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 
 from .episode import Episode
-from .lsmi import Lsmi
+from .lsmi import TOLERANCE, Lsmi
 from .samples import StepSamples, step_samples
 
 
@@ -43,7 +43,7 @@ class ConditionalMI:
     ):
         self._estimator = estimator
         self._n_jobs = n_jobs
-        self._steps = step_samples(
+        steps = step_samples(
             episodes,
             gamma=gamma,
             standardize=standardize,
@@ -52,16 +52,39 @@ class ConditionalMI:
             num_centers=estimator.num_centers,
             random_state=random_state,
         )
+        total = sum(len(step.returns) for step in steps)
+        self._steps = [step for step in steps if step.folds.max() > 0]
+        self._weights = np.array([len(step.returns) / total for step in self._steps])
 
     def __call__(self, subsets: Sequence[Sequence[int]]) -> np.ndarray:
-        """Return one score for each subset of channel indices: shape (len(subsets),)."""
+        """Score subsets of channel indices.
 
-        def score_step(step: StepSamples) -> np.ndarray:
-            if step.folds.max() == 0:
-                return np.zeros(len(subsets))
-            features = [step.states[:, list(subset)] for subset in subsets]
-            return self._estimator.estimate(step.returns, features, step.folds, step.centers)
+        Returns
+        -------
+        numpy.ndarray, shape (len(subsets),)
+            The greatest is exact. A smaller one, known to be smaller, may have been left at
+            its float32 value.
 
+        """
         with ThreadPoolExecutor(self._n_jobs) as pool:
-            scores = list(pool.map(score_step, self._steps))
-        return np.average(scores, axis=0, weights=[len(step.returns) for step in self._steps])
+            screened = list(pool.map(lambda step: self._screen(step, subsets), self._steps))
+            scores = self._weights @ np.array([values for values, _ in screened])
+            if self._estimator.criterion == 'held_out':
+                contenders = np.flatnonzero(scores >= scores.max() - 2 * TOLERANCE)
+            else:  # The screening speaks of Equation (7), not of Equation (10).
+                contenders = np.arange(len(subsets))
+            chosen = [subsets[i] for i in contenders]
+            widths = [mask[contenders].any(axis=0) for _, mask in screened]
+            exact = pool.map(lambda *args: self._estimate(*args, chosen), self._steps, widths)
+            scores[contenders] = self._weights @ np.array(list(exact))
+        return scores
+
+    def _screen(self, step: StepSamples, subsets) -> tuple[np.ndarray, np.ndarray]:
+        features = [step.states[:, list(subset)] for subset in subsets]
+        return self._estimator.screen(step.returns, features, step.folds, step.centers)
+
+    def _estimate(self, step: StepSamples, widths: np.ndarray, subsets) -> np.ndarray:
+        features = [step.states[:, list(subset)] for subset in subsets]
+        return self._estimator.estimate(
+            step.returns, features, step.folds, step.centers, widths=widths
+        )

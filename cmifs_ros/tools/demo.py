@@ -22,6 +22,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import Parameter, ParameterValue
 from rcl_interfaces.srv import SetParameters
 from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
 from std_srvs.srv import Trigger
 from tqdm import tqdm
 
@@ -41,12 +42,23 @@ class DemoError(RuntimeError):
     """The demo cannot go on; the message says why."""
 
 
+class DemoInterruptedError(RuntimeError):
+    """The demo was told to stop by a signal, which is the argument."""
+
+
 class Processes:
-    """The demo's child processes; leaving the context ends them all."""
+    """The demo's child processes; leaving the context ends them all.
+
+    From its making on, SIGINT and SIGTERM take effect at the next `check`: raised anywhere
+    else, they could leave a process behind that was just being started.
+    """
 
     def __init__(self, folder: Path):
         self._folder = folder
         self._running: dict[str, subprocess.Popen] = {}
+        self._signals: list[int] = []
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, lambda number, _: self._signals.append(number))
 
     def start(self, name: str, *command: str) -> None:
         """Start a process whose output goes to a file."""
@@ -60,7 +72,9 @@ class Processes:
         return self._folder / f'{name}.log'
 
     def check(self) -> None:
-        """Raise `DemoError` if a process has ended."""
+        """Raise if a signal came, or a process has ended."""
+        if self._signals:
+            raise DemoInterruptedError(self._signals[0])
         for name, process in self._running.items():
             if process.poll() is not None:
                 raise DemoError(
@@ -220,6 +234,7 @@ def run(options: argparse.Namespace) -> None:
             f'simulator ({options.scenario}), selector and downstream node run as processes '
             f'in ROS domain {os.environ["ROS_DOMAIN_ID"]}'
         )
+        processes.check()
         client = Client(processes)
         client.wait_for_episodes(options.episodes)
         client.slow_down()
@@ -271,16 +286,15 @@ def main(arguments: list[str] | None = None) -> int:
     # Stay on this machine, and out of the way of other nodes on it.
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     os.environ.setdefault('ROS_DOMAIN_ID', str(1 + os.getpid() % 100))
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))
     try:
-        rclpy.init()
+        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
         run(options)
     except DemoError as error:
         print(f'demo: {error}', file=sys.stderr)
         return 1
-    except KeyboardInterrupt:
-        print('\ndemo: interrupted')
-        return 128 + signal.SIGINT
+    except DemoInterruptedError as interrupt:
+        print('\ndemo: interrupted', file=sys.stderr)
+        return 128 + interrupt.args[0]
     finally:
         rclpy.try_shutdown()
     return 0

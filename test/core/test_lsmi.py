@@ -5,6 +5,7 @@ from hypothesis import strategies as st
 from oracles import direct_lsmi
 
 from cmifs_ros.core import Lsmi
+from cmifs_ros.core.lsmi import TOLERANCE
 
 WIDTHS = (0.1, 0.5, 2.0)
 LAMBDAS = (0.001, 0.1, 10.0)
@@ -46,7 +47,7 @@ def test_estimates_equal_the_double_sums(seed, size, channels, discrete, every_s
     assert fitted == pytest.approx(plug_in, abs=1e-10)
 
 
-def test_candidates_estimated_together_equal_those_estimated_alone(monkeypatch):
+def test_candidates_estimated_together_equal_those_estimated_alone():
     rng = np.random.default_rng(1)
     returns = rng.normal(size=40)
     features = [rng.normal(size=(40, k)) for k in (1, 3, 2)]
@@ -54,6 +55,37 @@ def test_candidates_estimated_together_equal_those_estimated_alone(monkeypatch):
     together = Lsmi().estimate(returns, features, folds, centers)
     alone = [Lsmi().estimate(returns, [z], folds, centers)[0] for z in features]
     np.testing.assert_allclose(together, alone, rtol=0, atol=1e-12)
+
+
+def datasets():
+    """Yield named (returns, features): discrete and continuous, tied, constant, few and many."""
+    for seed, size in enumerate((6, 11, 30, 80, 150)):
+        rng = np.random.default_rng(seed)
+        z = rng.normal(size=(size, 3))
+        noise = rng.normal(size=size)
+        yield f'continuous {size}', z[:, 0] * z[:, 1] + 0.1 * noise, z
+        yield f'discrete {size}', np.floor(2 * z[:, 0] + noise), np.floor(2 * z)
+        yield f'constant channel {size}', z[:, 0] + noise, z * [1, 0, 1]
+        yield f'all ties {size}', np.ones(size), np.ones((size, 3))
+        yield f'heavy tails {size}', z[:, 0] ** 5, z**3
+        yield f'raw units {size}', 100 * z[:, 0], 1000 * z
+
+
+@pytest.mark.parametrize(
+    ('returns', 'z'), [d[1:] for d in datasets()], ids=[d[0] for d in datasets()]
+)
+def test_the_float32_screening_never_misses_the_best_width(returns, z):
+    folds, centers = folds_of(len(returns)), np.arange(len(returns))
+    features = [z[:, :1], z[:, :2], z]
+    for criterion in ('held_out', 'plug_in'):
+        lsmi = Lsmi(criterion)
+        exact = lsmi.estimate(returns, features, folds, centers)
+        scores, widths = lsmi.screen(returns, features, folds, centers)
+        for i, mask in enumerate(widths):
+            narrowed = lsmi.estimate(returns, [features[i]], folds, centers, widths=mask)
+            assert narrowed == pytest.approx(exact[i], abs=1e-12)
+        if criterion == 'held_out':
+            np.testing.assert_allclose(scores, exact, rtol=0, atol=TOLERANCE / 2)
 
 
 @pytest.mark.parametrize('criterion', ['held_out', 'plug_in'])

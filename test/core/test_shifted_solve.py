@@ -45,3 +45,18 @@ def test_problems_that_end_early_do_not_disturb_their_neighbours(kind):
         np.broadcast_to(rhs[:, None, :, None], (3, 9, 30, 1)),
     )[..., 0]
     np.testing.assert_allclose(shifted_solve(matrices, rhs, SHIFTS), expected, rtol=1e-8, atol=1e-9)
+
+
+@settings(deadline=None)
+@given(size=st.integers(1, 60), rank=st.integers(0, 60), seed=st.integers(0, 2**32 - 1))
+def test_float32_reaches_its_tolerance(size, rank, seed):
+    rng = np.random.default_rng(seed)
+    factors = rng.normal(size=(3, size, rank)) / np.sqrt(size)
+    matrices = factors @ factors.transpose(0, 2, 1)
+    rhs = rng.normal(size=(3, size))
+    exact = shifted_solve(matrices, rhs, SHIFTS)
+    coarse = shifted_solve(matrices.astype(np.float32), rhs.astype(np.float32), SHIFTS, rtol=1e-4)
+    assert coarse.dtype == np.float32
+    error = np.linalg.norm(coarse - exact, axis=2)
+    # A residual of r leaves an error of at most r / lambda.
+    assert np.all(error <= 1e-3 * np.linalg.norm(rhs, axis=1)[:, None] / SHIFTS)
