@@ -12,7 +12,7 @@ SEEDS = range(10)
 def selections(request):
     count, scenario = request.param
     selected = [
-        ConditionalMISelector(count, n_jobs=2)
+        ConditionalMISelector(count)
         .fit(rollout(scenario, 100, seed))
         .get_support(indices=True)
         .tolist()

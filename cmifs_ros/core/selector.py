@@ -38,7 +38,8 @@ class ConditionalMISelector:
     random_state : int
         Seed. The same seed and data give the same result bit for bit on one machine.
     n_jobs : int
-        Threads. The linear algebra library may use more of its own.
+        Threads that share the steps. They pay where steps are pooled; the linear algebra library
+        should then be kept to one thread (OPENBLAS_NUM_THREADS=1 in the environment).
 
     Attributes
     ----------
