@@ -32,7 +32,7 @@ class KDR:
 
     One Gaussian width serves Y and every Z: the median distance between all samples, of all
     steps and episodes, with all channels, in the units they come in. The paper speaks of 'the
-    width' and 'all the data samples'; other readings do not reach its Figure 6(a).
+    width' and 'all the data samples', and read so its Figure 6(a) comes out.
 
     Parameters
     ----------
