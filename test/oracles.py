@@ -44,3 +44,26 @@ def _moments(joint, centers, width):
 def _fit(joint, centers, width, lam):
     h_matrix, h = _moments(joint, centers, width)
     return np.linalg.solve(h_matrix + lam * np.eye(len(centers)), h)
+
+
+def direct_kdr(states, target, subset, eps=0.1):
+    """Return the sum over steps of Tr[Kc_Y (Kc_Z + eps I)^-1], with H = I - 11' / m.
+
+    `states` is a list of arrays (T, v), Y the target at the next step, Z the subset.
+    """
+    samples = [row for episode in states for row in episode]
+    distances = [np.linalg.norm(a - b) for i, a in enumerate(samples) for b in samples[:i]]
+    width = np.median(distances)
+    total = 0.0
+    for n in range(max(map(len, states)) - 1):
+        pairs = [(s[n + 1, list(target)], s[n, list(subset)]) for s in states if len(s) > n + 1]
+        y = _centred([y for y, _ in pairs], width)
+        z = _centred([z for _, z in pairs], width)
+        total += np.trace(y @ np.linalg.inv(z + eps * np.eye(len(pairs))))
+    return total
+
+
+def _centred(rows, width):
+    gram = [[np.exp(-np.sum((a - b) ** 2) / (2 * width**2)) for b in rows] for a in rows]
+    h = np.eye(len(rows)) - np.ones((len(rows), len(rows))) / len(rows)
+    return h @ gram @ h

@@ -13,11 +13,14 @@ ROOT = Path(__file__).parents[1]
 PACKAGE = ElementTree.parse(ROOT / 'package.xml').getroot()
 #: Of the imports that are not of the standard library, the rosdep key or package that brings them.
 KEYS = {
+    'joblib': 'python3-joblib',
     'matplotlib': 'python3-matplotlib',
     'numpy': 'python3-numpy',
     'scipy': 'python3-scipy',
     'tqdm': 'python3-tqdm',
 }
+#: Imports that the package does without until they are asked for, and the extra that brings them.
+OPTIONAL = {'distributed': 'cluster'}
 
 
 def imported():
@@ -29,7 +32,16 @@ def imported():
 
 def test_every_import_is_a_declared_dependency():
     declared = {element.text for element in PACKAGE.findall('exec_depend')}
-    assert {KEYS.get(name, name) for name in imported()} <= declared
+    assert {KEYS.get(name, name) for name in imported() - OPTIONAL.keys()} <= declared
+
+
+def test_optional_imports_are_extras_and_stand_inside_functions():
+    setup = (ROOT / 'setup.py').read_text()
+    code = '\n'.join(path.read_text() for path in (ROOT / 'cmifs_ros').rglob('*.py'))
+    for name, extra in OPTIONAL.items():
+        assert re.search(rf"'{extra}': \['{name}'", setup)
+        assert re.search(rf'^ +from {name} import', code, re.M)
+        assert not re.search(rf'^(from|import) {name}\b', code, re.M)
 
 
 def test_core_and_sim_import_nothing_but_numpy_and_scipy():
@@ -78,6 +90,7 @@ def test_installed_data_files_are_where_ros_looks_for_them():
         'share/cmifs_ros/config/cmifs_ros.yaml',
         'share/cmifs_ros/launch/cmifs_ros.launch.xml',
         'lib/cmifs_ros/demo',
+        'lib/cmifs_ros/reproduce_paper',
         'lib/cmifs_ros/selector_node',
         'lib/cmifs_ros/simulator_node',
     ):

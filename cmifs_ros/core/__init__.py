@@ -3,18 +3,21 @@
 from .buffer import EpisodeBuffer
 from .conditional_mi import ConditionalMI
 from .episode import Episode
+from .kdr import KDR
 from .lsmi import CRITERIA, Lsmi
 from .returns import discounted_returns
 from .search import DIRECTIONS
-from .selector import ConditionalMISelector
+from .selector import ConditionalMISelector, KDRSelector
 
 __all__ = [
     'CRITERIA',
     'DIRECTIONS',
+    'KDR',
     'ConditionalMI',
     'ConditionalMISelector',
     'Episode',
     'EpisodeBuffer',
+    'KDRSelector',
     'Lsmi',
     'discounted_returns',
 ]

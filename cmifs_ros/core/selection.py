@@ -7,7 +7,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from .episode import Episode
-from .selector import ConditionalMISelector
+from .selector import ConditionalMISelector, KDRSelector
+
+METHODS = {'conditional_mi': ConditionalMISelector, 'kdr': KDRSelector}
 
 
 @dataclass(frozen=True)
@@ -40,10 +42,12 @@ class Selection:
     seconds: float
 
 
-def select(episodes: Sequence[Episode], channel_names: Sequence[str], settings: dict) -> Selection:
-    """Fit a `ConditionalMISelector` of the given settings and return what it found."""
+def select(
+    episodes: Sequence[Episode], channel_names: Sequence[str], method: str, settings: dict
+) -> Selection:
+    """Fit the selector of a method, with the given settings, and return what it found."""
     start = time.perf_counter()
-    selector = ConditionalMISelector(**settings).fit(episodes, names=channel_names)
+    selector = METHODS[method](**settings).fit(episodes, names=channel_names)
     return Selection(
         indices=tuple(selector.get_support(indices=True).tolist()),
         names=tuple(selector.get_feature_names_out()),

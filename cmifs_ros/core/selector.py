@@ -1,4 +1,4 @@
-"""The selector: scikit-learn's manners around the conditional-MI search."""
+"""The selectors: scikit-learn's manners around a search by one of two criteria."""
 
 from __future__ import annotations
 
@@ -7,46 +7,28 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from .conditional_mi import ConditionalMI
-from .episode import as_episodes
+from .episode import Episode, as_episodes
+from .kdr import KDR
 from .lsmi import Lsmi
-from .search import DIRECTIONS, Sensor, backward_elimination, channels, forward_selection
+from .search import (
+    DIRECTIONS,
+    Criterion,
+    Sensor,
+    backward_elimination,
+    channels,
+    forward_selection,
+)
 
 
-class ConditionalMISelector:
-    """Select the sensors that the return depends on, also through several time steps.
-
-    Parameters
-    ----------
-    num_features : int, optional
-        How many sensors to select. None takes as many as maximise the criterion, none at all
-        if no score is above 0, the score of the empty set.
-    gamma : float
-        Discount factor of the return, 0 < gamma <= 1.
-    criterion : {'held_out', 'plug_in'}
-        See `Lsmi`.
-    standardize : bool
-        Scale channels and returns over all samples.
-    direction : {'forward', 'backward'}
-        Forward selection, or backward elimination (which always ranks every sensor).
-    groups : mapping of str to sequence of (str or int), optional
-        Sensors that deliver several channels: name to channel names or indices. A channel in
-        no group is a sensor by itself. Sensors are added and removed whole.
-    max_time_bins : int, optional
-        Longer episodes have neighbouring steps pooled into this many bins; None never pools.
-    num_centers : int, optional
-        Greatest number of kernel centres in a step; None takes all samples.
-    random_state : int
-        Seed. The same seed and data give the same result bit for bit on one machine.
-    n_jobs : int
-        Threads that share the steps. They pay where steps are pooled; the linear algebra library
-        should then be kept to one thread (OPENBLAS_NUM_THREADS=1 in the environment).
+class SensorSelector:
+    """What the selectors share: everything but the criterion.
 
     Attributes
     ----------
     ranking_ : numpy.ndarray of int
         Indices of all sensors that were ranked, best first; without groups, of channels.
     scores_ : numpy.ndarray, same length
-        The criterion of the first 1, 2, ... sensors of the ranking.
+        The criterion of the first 1, 2, ... sensors of the ranking; no sensor at all scores 0.
     sensor_names_ : tuple of str
         Names of the sensors that `ranking_` counts.
     num_features_ : int
@@ -54,50 +36,29 @@ class ConditionalMISelector:
     feature_names_in_ : tuple of str
         Names of the channels.
 
-    Notes
-    -----
-    Hachiya & Sugiyama, Feature Selection for Reinforcement Learning: Evaluating Implicit
-    State-Reward Dependency via Conditional Mutual Information, 2010.
-
     """
 
     def __init__(
         self,
-        num_features: int | None = None,
-        *,
-        gamma: float = 0.95,
-        criterion: str = 'held_out',
-        standardize: bool = True,
-        direction: str = 'forward',
-        groups: Mapping[str, Sequence[str | int]] | None = None,
-        max_time_bins: int | None = 32,
-        num_centers: int | None = 200,
-        random_state: int = 0,
-        n_jobs: int = 1,
+        num_features: int | None,
+        direction: str,
+        groups: Mapping[str, Sequence[str | int]] | None,
+        random_state: int,
     ):
         self.num_features = num_features
-        self.gamma = gamma
-        self.criterion = criterion
-        self.standardize = standardize
         self.direction = direction
         self.groups = groups
-        self.max_time_bins = max_time_bins
-        self.num_centers = num_centers
         self.random_state = random_state
-        self.n_jobs = n_jobs
 
-    @classmethod
-    def paper(cls, num_features: int | None = None, **options) -> ConditionalMISelector:
-        """Return a selector set as in the paper: raw features, Equation (10), B = M, all steps."""
-        paper = {
-            'criterion': 'plug_in',
-            'standardize': False,
-            'max_time_bins': None,
-            'num_centers': None,
-        }
-        return cls(num_features, **(paper | options))
+    def _make_criterion(self, episodes: list[Episode], names: tuple[str, ...]) -> Criterion:
+        """Return the criterion of these episodes; raise ValueError for a bad parameter."""
+        raise NotImplementedError
 
-    def fit(self, episodes, names: Sequence[str] | None = None) -> ConditionalMISelector:
+    def _best_number(self, scores: list[float]) -> int:
+        """Return how many sensors to select when the caller does not say."""
+        raise NotImplementedError
+
+    def fit(self, episodes, names: Sequence[str] | None = None) -> SensorSelector:
         """Rank the sensors and select the best.
 
         Parameters
@@ -118,17 +79,17 @@ class ConditionalMISelector:
             raise ValueError('there is 1 episode; expected at least 2 to compare')
         names = _checked_names(names, episodes[0].num_channels)
         sensor_names, sensors = _sensors(names, self.groups or {})
-        self._check_parameters(len(sensors))
+        if self.num_features is not None and not 1 <= self.num_features <= len(sensors):
+            raise ValueError(
+                f'num_features is {self.num_features}; expected 1 to {len(sensors)}, '
+                'the number of sensors, or None'
+            )
+        if self.direction not in DIRECTIONS:
+            raise ValueError(
+                f'direction is {self.direction!r}; expected one of {", ".join(DIRECTIONS)}'
+            )
 
-        criterion = ConditionalMI(
-            episodes,
-            Lsmi(criterion=self.criterion, num_centers=self.num_centers),
-            gamma=self.gamma,
-            standardize=self.standardize,
-            max_time_bins=self.max_time_bins,
-            random_state=self.random_state,
-            n_jobs=self.n_jobs,
-        )
+        criterion = self._make_criterion(episodes, names)
         if self.direction == 'forward':
             count = len(sensors) if self.num_features is None else self.num_features
             ranking, scores = forward_selection(criterion, sensors, count)
@@ -140,7 +101,7 @@ class ConditionalMISelector:
         self.ranking_ = np.array(ranking)
         self.scores_ = np.array(scores)
         if self.num_features is None:
-            self.num_features_ = int(np.argmax([0.0, *scores]))
+            self.num_features_ = self._best_number(scores)
         else:
             self.num_features_ = self.num_features
         self._support = np.array(channels(sensors, ranking[: self.num_features_]), dtype=int)
@@ -182,20 +143,139 @@ class ConditionalMISelector:
         if not hasattr(self, 'ranking_'):
             raise RuntimeError('the selector is not fitted yet; call fit() first')
 
-    def _check_parameters(self, num_sensors: int):
-        if self.num_features is not None and not 1 <= self.num_features <= num_sensors:
-            raise ValueError(
-                f'num_features is {self.num_features}; expected 1 to {num_sensors}, '
-                'the number of sensors, or None'
-            )
-        if self.direction not in DIRECTIONS:
-            raise ValueError(
-                f'direction is {self.direction!r}; expected one of {", ".join(DIRECTIONS)}'
-            )
+
+class ConditionalMISelector(SensorSelector):
+    """Select the sensors that the return depends on, also through several time steps.
+
+    Its attributes are those of `SensorSelector`.
+
+    Parameters
+    ----------
+    num_features : int, optional
+        How many sensors to select. None takes as many as maximise the criterion, none at all
+        if no score is above 0, the score of the empty set.
+    gamma : float
+        Discount factor of the return, 0 < gamma <= 1.
+    criterion : {'held_out', 'plug_in'}
+        See `Lsmi`.
+    standardize : bool
+        Scale channels and returns over all samples.
+    direction : {'forward', 'backward'}
+        Forward selection, or backward elimination (which always ranks every sensor).
+    groups : mapping of str to sequence of (str or int), optional
+        Sensors that deliver several channels: name to channel names or indices. A channel in
+        no group is a sensor by itself. Sensors are added and removed whole.
+    max_time_bins : int, optional
+        Longer episodes have neighbouring steps pooled into this many bins; None never pools.
+    num_centers : int, optional
+        Greatest number of kernel centres in a step; None takes all samples.
+    random_state : int
+        Seed. The same seed and data give the same result bit for bit on one machine.
+    n_jobs : int
+        Threads that share the steps. They pay where steps are pooled; the linear algebra library
+        should then be kept to one thread (OPENBLAS_NUM_THREADS=1 in the environment).
+
+    Notes
+    -----
+    Hachiya & Sugiyama, Feature Selection for Reinforcement Learning: Evaluating Implicit
+    State-Reward Dependency via Conditional Mutual Information, 2010.
+
+    """
+
+    def __init__(
+        self,
+        num_features: int | None = None,
+        *,
+        gamma: float = 0.95,
+        criterion: str = 'held_out',
+        standardize: bool = True,
+        direction: str = 'forward',
+        groups: Mapping[str, Sequence[str | int]] | None = None,
+        max_time_bins: int | None = 32,
+        num_centers: int | None = 200,
+        random_state: int = 0,
+        n_jobs: int = 1,
+    ):
+        super().__init__(num_features, direction, groups, random_state)
+        self.gamma = gamma
+        self.criterion = criterion
+        self.standardize = standardize
+        self.max_time_bins = max_time_bins
+        self.num_centers = num_centers
+        self.n_jobs = n_jobs
+
+    @classmethod
+    def paper(cls, num_features: int | None = None, **options) -> ConditionalMISelector:
+        """Return a selector set as in the paper: raw features, Equation (10), B = M, all steps."""
+        paper = {
+            'criterion': 'plug_in',
+            'standardize': False,
+            'max_time_bins': None,
+            'num_centers': None,
+        }
+        return cls(num_features, **(paper | options))
+
+    def _make_criterion(self, episodes: list[Episode], names: tuple[str, ...]) -> ConditionalMI:
         if self.max_time_bins is not None and self.max_time_bins < 1:
             raise ValueError(f'max_time_bins is {self.max_time_bins}; expected at least 1, or None')
         if self.n_jobs < 1:
             raise ValueError(f'n_jobs is {self.n_jobs}; expected at least 1')
+        return ConditionalMI(
+            episodes,
+            Lsmi(criterion=self.criterion, num_centers=self.num_centers),
+            gamma=self.gamma,
+            standardize=self.standardize,
+            max_time_bins=self.max_time_bins,
+            random_state=self.random_state,
+            n_jobs=self.n_jobs,
+        )
+
+    def _best_number(self, scores: list[float]) -> int:
+        return int(np.argmax([0.0, *scores]))
+
+
+class KDRSelector(SensorSelector):
+    """Select the sensors that the target channels depend on one step later.
+
+    The method that Hachiya & Sugiyama (2010) compare theirs with; see `KDR`. It does not look
+    at the rewards: it is told the channels that they depend on directly. Its attributes are
+    those of `SensorSelector`.
+
+    Parameters
+    ----------
+    num_features : int, optional
+        How many sensors to select. None ranks and selects all: one more sensor explains the
+        target better, or seems to, so the criterion has no maximum to stop at.
+    target : str, int, or sequence of these
+        The channels that the reward depends on directly: names or indices.
+    direction, groups
+        As of `ConditionalMISelector`.
+    random_state : int
+        Seed of the samples that the kernel width is computed from, where there are very many.
+
+    """
+
+    def __init__(
+        self,
+        num_features: int | None = None,
+        *,
+        target: str | int | Sequence[str | int],
+        direction: str = 'forward',
+        groups: Mapping[str, Sequence[str | int]] | None = None,
+        random_state: int = 0,
+    ):
+        super().__init__(num_features, direction, groups, random_state)
+        self.target = target
+
+    def _make_criterion(self, episodes: list[Episode], names: tuple[str, ...]) -> KDR:
+        target = [self.target] if isinstance(self.target, str | int) else self.target
+        if len(target) == 0:
+            raise ValueError(f'target is {self.target!r}; expected at least one channel')
+        indices = [_channel_index(names, channel, 'target') for channel in target]
+        return KDR(episodes, indices, random_state=self.random_state)
+
+    def _best_number(self, scores: list[float]) -> int:
+        return len(scores)
 
 
 def _checked_names(names: Sequence[str] | None, num_channels: int) -> tuple[str, ...]:
@@ -210,6 +290,13 @@ def _checked_names(names: Sequence[str] | None, num_channels: int) -> tuple[str,
     return names
 
 
+def _channel_index(names: tuple[str, ...], channel: str | int, where: str) -> int:
+    index = names.index(channel) if channel in names else channel
+    if not isinstance(index, int) or not 0 <= index < len(names):
+        raise ValueError(f'{where} names channel {channel!r}; expected one of {", ".join(names)}')
+    return index
+
+
 def _sensors(
     names: tuple[str, ...], groups: Mapping[str, Sequence[str | int]]
 ) -> tuple[tuple[str, ...], list[Sensor]]:
@@ -219,11 +306,7 @@ def _sensors(
     for group, members in groups.items():
         indices = []
         for member in members:
-            index = names.index(member) if member in names else member
-            if not isinstance(index, int) or not 0 <= index < len(names):
-                raise ValueError(
-                    f'group {group!r} names channel {member!r}; expected one of {", ".join(names)}'
-                )
+            index = _channel_index(names, member, f'group {group!r}')
             if index in grouped:
                 raise ValueError(
                     f'channel {names[index]!r} is in the groups {grouped[index]!r} and {group!r}; '

@@ -20,7 +20,7 @@ from std_msgs.msg import Header, Int32MultiArray
 from std_srvs.srv import Trigger
 
 from cmifs_ros.core import CRITERIA, DIRECTIONS, Episode, EpisodeBuffer
-from cmifs_ros.core.selection import Selection
+from cmifs_ros.core.selection import METHODS, Selection
 
 from . import conversions, diagnostics
 from .parameters import Spec, declare
@@ -39,6 +39,11 @@ _WARNING_PERIOD = 10.0
 _SILENCE = 5.0
 
 PARAMETERS = (
+    Spec('method', 'conditional_mi',
+         'What a sensor is judged by: what the return depends on, or, one step ahead, kdr_target.',
+         choices=tuple(METHODS)),
+    Spec('kdr_target', '',
+         'For method kdr: the channels that the reward depends on directly, as in "x,y".'),
     Spec('num_features', 0, 'Sensors to select; 0 decides automatically.', (0, 10_000)),
     Spec('gamma', 0.95, 'Discount factor of the return.', (1e-6, 1)),
     Spec('criterion', 'held_out', 'Estimate of the mutual information.', choices=CRITERIA),
@@ -207,17 +212,22 @@ class SelectorNode(Node):
             )
         settings = {
             'num_features': values['num_features'] or None,
-            'gamma': values['gamma'],
-            'criterion': values['criterion'],
-            'standardize': values['standardize'],
             'direction': values['direction'],
             'groups': parse_sensor_groups(values['sensor_groups']),
-            'max_time_bins': values['max_time_bins'] or None,
             'random_state': values['random_state'],
-            'n_jobs': values['worker_threads'],
         }
-        arguments = (self._buffer.snapshot(), self._assembler.channel_names, settings)
-        return Job(self._revision, arguments)
+        if values['method'] == 'kdr':
+            settings['target'] = parse_kdr_target(values['kdr_target'])
+        else:
+            settings |= {
+                'gamma': values['gamma'],
+                'criterion': values['criterion'],
+                'standardize': values['standardize'],
+                'max_time_bins': values['max_time_bins'] or None,
+                'n_jobs': values['worker_threads'],
+            }
+        episodes, names = self._buffer.snapshot(), self._assembler.channel_names
+        return Job(self._revision, (episodes, names, values['method'], settings))
 
     def _select_periodically(self) -> None:
         enough = len(self._buffer) >= self._settings['min_episodes']
@@ -359,6 +369,8 @@ def check_parameters(values: dict) -> None:
             'expected min_episodes <= max_episodes'
         )
     parse_sensor_groups(values['sensor_groups'])
+    if values['kdr_target'] or values['method'] == 'kdr':
+        parse_kdr_target(values['kdr_target'])
 
 
 def parse_sensor_groups(text: str) -> dict[str, list[str]]:
@@ -380,6 +392,24 @@ def parse_sensor_groups(text: str) -> dict[str, list[str]]:
             )
         groups[name] = channels
     return groups
+
+
+def parse_kdr_target(text: str) -> list[str]:
+    """Return the channels of "x,y" as ['x', 'y'].
+
+    Raises
+    ------
+    ValueError
+        If there is none, one is empty, or one comes twice.
+
+    """
+    channels = [channel.strip() for channel in text.split(',')]
+    if not all(channels) or len(set(channels)) < len(channels):
+        raise ValueError(
+            f'kdr_target is {text!r}; method kdr needs the channels that the reward depends on '
+            'directly, distinct, as in "x,y"'
+        )
+    return channels
 
 
 def main() -> None:

@@ -1,5 +1,6 @@
-"""The grid world of the paper and its policy. Knows no ROS."""
+"""The worlds of the paper: the grid world with its policy, and the chain. Knows no ROS."""
 
+from .chain import rollout_chain
 from .grid_world import SCENARIOS, GridWorld, channel_names
 from .policy import preferred_action, sample_action
 from .rollout import rollout
@@ -10,5 +11,6 @@ __all__ = [
     'channel_names',
     'preferred_action',
     'rollout',
+    'rollout_chain',
     'sample_action',
 ]

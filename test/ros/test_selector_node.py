@@ -11,7 +11,7 @@ from ament_index_python.packages import get_package_share_directory
 from rcl_interfaces.srv import DescribeParameters, ListParameters
 from sensor_msgs.msg import JointState
 
-from cmifs_ros.core import ConditionalMISelector, Episode
+from cmifs_ros.core import ConditionalMISelector, Episode, KDRSelector
 from cmifs_ros.ros.transitions import RewardSample
 from cmifs_ros.sim import channel_names, rollout
 
@@ -67,6 +67,31 @@ def test_the_service_gives_what_the_selector_finds_on_the_same_episodes(start, r
     scores = robot.latched('scores', JointState)
     assert list(scores.name) == found['ranking']
     np.testing.assert_allclose(np.cumsum(scores.position), found['scores'])
+
+
+def test_the_method_kdr_needs_its_target_and_gives_what_its_selector_finds(selector, robot):
+    refusal = robot.set_parameter('method', 'kdr')
+    assert not refusal.successful
+    assert "kdr_target is ''; method kdr needs the channels" in refusal.reason
+    assert not robot.set_parameter('kdr_target', 'x,').successful
+    assert not robot.set_parameter('method', 'mi').successful
+    for name, value in (('kdr_target', 'x'), ('method', 'kdr'), ('num_features', 2)):
+        assert robot.set_parameter(name, value).successful
+    names = channel_names('without_gravel')
+    episodes = rollout('without_gravel', 25, seed=1)
+    robot.publish_episodes(episodes, names)
+    robot.wait_for_episodes(25)
+    found = json.loads(robot.call(robot.select_client).message)
+    own = KDRSelector(2, target='x').fit(episodes, names=names)
+    assert found['names'] == own.get_feature_names_out().tolist()
+    assert found['scores'] == pytest.approx(own.scores_.tolist())
+
+    assert robot.set_parameter('kdr_target', 'lidar').successful
+    reply = robot.call(robot.select_client)
+    assert not reply.success
+    assert (
+        "target names channel 'lidar'; expected one of x, y" in json.loads(reply.message)['error']
+    )
 
 
 def test_selected_state_carries_the_selected_channels_with_the_header(selector, robot):

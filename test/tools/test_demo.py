@@ -9,6 +9,7 @@ import pytest
 
 pytest.importorskip('rclpy', reason='ROS 2 is not here')
 from ament_index_python.packages import get_package_prefix
+from processes import group
 
 
 @pytest.fixture
@@ -35,19 +36,6 @@ def demo(tmp_path):
         for pid in group(process.pid):
             os.kill(pid, signal.SIGKILL)
         process.wait()
-
-
-def group(leader):
-    """Return the living processes of a process group."""
-    found = []
-    for stat in Path('/proc').glob('[0-9]*/stat'):
-        try:
-            fields = stat.read_text().rsplit(')', 1)[1].split()
-        except (FileNotFoundError, ProcessLookupError):
-            continue
-        if fields[0] != 'Z' and int(fields[2]) == leader:
-            found.append(int(stat.parent.name))
-    return found
 
 
 def test_the_demo_shows_ranking_and_received_states_and_saves_a_picture(demo, tmp_path):

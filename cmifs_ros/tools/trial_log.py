@@ -1,0 +1,67 @@
+"""The finished trials of a study as a CSV file that survives interruption."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+from .study import FIGURES, Outcome, Trial
+
+COLUMNS = ('figure', 'scenario', 'method', 'episodes', 'trial', 'seed', 'ranking', 'seconds')
+
+
+class TrialLog:
+    """Read the trials that a file holds, and add to it, each at once.
+
+    The column `figure` names all figures that show the trials of the scenario, `ranking` holds
+    indices from 0; both are separated by blanks. A last line without its end, as a process that
+    was killed leaves it, is dropped.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        Made if it does not exist.
+
+    Attributes
+    ----------
+    outcomes : dict of Trial to Outcome
+
+    Raises
+    ------
+    ValueError
+        If the file holds something else.
+
+    """
+
+    def __init__(self, path: Path):
+        self._path = path
+        self.outcomes: dict[Trial, Outcome] = {}
+        content = path.read_bytes() if path.exists() else b''
+        complete = content[: content.rfind(b'\n') + 1]
+        if complete != content:
+            path.write_bytes(complete)
+        if not complete:
+            self._write(COLUMNS)
+            return
+        header, *rows = csv.reader(complete.decode(errors='replace').splitlines())
+        if tuple(header) != COLUMNS:
+            raise ValueError(f'{path} begins with {header}; expected the columns {COLUMNS}')
+        for number, row in enumerate(rows, start=2):
+            try:
+                _, scenario, method, episodes, trial, seed, ranking, seconds = row
+                key = Trial(scenario, method, int(episodes), int(trial), int(seed))
+                indices = tuple(map(int, ranking.split()))
+                self.outcomes[key] = Outcome(key, indices, float(seconds))
+            except ValueError as error:
+                raise ValueError(f'{path}, line {number} is no trial: {row} ({error})') from error
+
+    def add(self, outcome: Outcome) -> None:
+        """Write one finished trial."""
+        self.outcomes[outcome.trial] = outcome
+        figures = ' '.join(FIGURES[outcome.trial.scenario])
+        ranking = ' '.join(map(str, outcome.ranking))
+        self._write((figures, *outcome.trial, ranking, f'{outcome.seconds:.3f}'))
+
+    def _write(self, row: tuple) -> None:
+        with self._path.open('a', newline='') as file:
+            csv.writer(file, lineterminator='\n').writerow(row)
