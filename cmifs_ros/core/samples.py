@@ -65,12 +65,20 @@ def step_samples(
     random_state : int
         Seed of the folds and the centres.
 
+    Raises
+    ------
+    ValueError
+        If the rewards are so large that a return overflows.
+
     """
     rng = np.random.default_rng(random_state)
     priority = rng.permutation(len(episodes))
 
     lengths = [len(episode) for episode in episodes]
     returns = np.concatenate([discounted_returns(e.rewards, gamma) for e in episodes])
+    if not np.isfinite(returns).all():
+        largest = max(np.abs(episode.rewards).max() for episode in episodes)
+        raise ValueError(f'a reward is {largest:g} in size; expected returns that do not overflow')
     states = np.concatenate([episode.states for episode in episodes])
     owner = np.repeat(np.arange(len(episodes)), lengths)
     step = np.concatenate([np.arange(length) for length in lengths])
@@ -94,8 +102,9 @@ def step_samples(
 
 
 def _standardized(values: np.ndarray) -> np.ndarray:
+    size = np.max(np.abs(values), axis=0)
+    values = values / np.where(size > 0, size, 1.0)  # so that no square overflows
     spread = np.std(values, axis=0)
-    # Rounding leaves a constant column a spread of about 1e-16 of its size, not 0.
-    constant = spread <= 1e-12 * np.max(np.abs(values), axis=0)
+    constant = spread <= 1e-12  # rounding leaves a constant column about 1e-16, not 0
     centred = np.where(constant, 0.0, values - np.mean(values, axis=0))
     return centred / np.where(constant, 1.0, spread)

@@ -114,6 +114,16 @@ def test_degenerate_data_give_finite_scores(data):
     assert np.isfinite(ConditionalMISelector(2).fit((states, rewards)).scores_).all()
 
 
+def test_huge_units_do_not_change_the_selection_and_overflowing_returns_are_refused():
+    states, rewards = toy(20, 2)
+    usual = ConditionalMISelector(2).fit((states, rewards))
+    huge = ConditionalMISelector(2).fit((states * 1e300, rewards * 1e300))
+    assert huge.ranking_.tolist() == usual.ranking_.tolist()
+    np.testing.assert_allclose(huge.scores_, usual.scores_, rtol=0, atol=1e-9)
+    with pytest.raises(ValueError, match=r'a reward is 1e\+308 in size'):
+        ConditionalMISelector(2).fit((states, np.full_like(rewards, 1e308)))
+
+
 @pytest.mark.parametrize(
     ('settings', 'message'),
     [
