@@ -232,7 +232,7 @@ def run(options: argparse.Namespace) -> None:
         )
         print(
             f'simulator ({options.scenario}), selector and downstream node run as processes '
-            f'in ROS domain {os.environ["ROS_DOMAIN_ID"]}'
+            f'in ROS domain {os.environ["ROS_DOMAIN_ID"]}; collecting {options.episodes} episodes'
         )
         processes.check()
         client = Client(processes)
