@@ -104,7 +104,6 @@ def step_samples(
 def _standardized(values: np.ndarray) -> np.ndarray:
     size = np.max(np.abs(values), axis=0)
     values = values / np.where(size > 0, size, 1.0)  # so that no square overflows
-    spread = np.std(values, axis=0)
-    constant = spread <= 1e-12  # rounding leaves a constant column about 1e-16, not 0
+    constant = np.ptp(values, axis=0) == 0  # of which rounding would leave a spread of 1e-16
     centred = np.where(constant, 0.0, values - np.mean(values, axis=0))
-    return centred / np.where(constant, 1.0, spread)
+    return centred / np.where(constant, 1.0, np.std(values, axis=0))

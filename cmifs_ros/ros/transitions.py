@@ -45,13 +45,21 @@ class Transition:
     state: np.ndarray
     sample: RewardSample
 
+    def holds(self, content: np.ndarray | RewardSample) -> bool:
+        """Tell whether a state or a reward is the one of this transition."""
+        if isinstance(content, RewardSample):
+            return content == self.sample
+        return np.array_equal(content, self.state)
+
 
 class EpisodeAssembler:
     """Build episodes from states and rewards that arrive as separate streams.
 
     A state and a reward belong together when their stamps are equal. Once a pair is complete,
     older unpaired messages of either stream are lost and counted. An episode with a lost
-    transition is dropped, counted, and collecting goes on with the next one.
+    transition is dropped, counted, and collecting goes on with the next one. A pair that is
+    older than the last one means that time was set back: the open episode is dropped. A single
+    message sent again or late changes nothing.
 
     Parameters
     ----------
@@ -88,6 +96,7 @@ class EpisodeAssembler:
         self.channel_names: tuple[str, ...] | None = None
         self._states: dict[int, np.ndarray] = {}
         self._rewards: dict[int, RewardSample] = {}
+        self._recent: dict[int, Transition] = {}
         self._last_paired: int | None = None
         self._open: list[Transition] = []
         self._previous: RewardSample | None = None
@@ -111,14 +120,14 @@ class EpisodeAssembler:
 
         """
         state = self._checked_state(names, values)
-        if state is None or not self._is_new(stamp, self._states, 'state'):
+        if state is None or not self._is_new(stamp, state, self._states, 'state'):
             return []
         self._states[stamp] = state
         return self._pair(stamp)
 
     def add_reward(self, stamp: int, sample: RewardSample) -> list[Episode]:
         """Take a reward; return the episodes that it completes."""
-        if not self._is_new(stamp, self._rewards, 'reward'):
+        if not self._is_new(stamp, sample, self._rewards, 'reward'):
             return []
         self._rewards[stamp] = sample
         return self._pair(stamp)
@@ -162,46 +171,57 @@ class EpisodeAssembler:
             self.channel_names = names
         return values
 
-    def _is_new(self, stamp: int, pending: dict, what: str) -> bool:
-        if stamp in pending or stamp == self._last_paired:
+    def _is_new(self, stamp: int, content, waiting: dict, what: str) -> bool:
+        """Tell whether a message is none of those already taken, and make room for it."""
+        paired = self._recent.get(stamp)
+        if stamp in waiting or (paired is not None and paired.holds(content)):
             self.drop_message('duplicate_stamp', f'a second {what} is stamped {stamp} ns')
             return False
-        if self._last_paired is not None and stamp < self._last_paired:
-            # A replayed bag or a reset simulation: what is open cannot go on.
-            self._discard_states(list(self._states))
-            self._discard_rewards(list(self._rewards))
-            self._break_episode('time_backwards', f'a {what} is older than the last transition')
-            self._last_paired = None
         if len(self._states) >= MAX_PENDING:
-            self._discard_states([min(self._states)])
+            self._discard_state(next(iter(self._states)), 'state_without_reward')
         if len(self._rewards) >= MAX_PENDING:
-            self._discard_rewards([min(self._rewards)])
+            self._discard_reward(next(iter(self._rewards)), 'reward_without_state')
         return True
 
     def _pair(self, stamp: int) -> list[Episode]:
         if stamp not in self._states or stamp not in self._rewards:
             return []
         transition = Transition(self._states.pop(stamp), self._rewards.pop(stamp))
-        self._discard_states([s for s in self._states if s < stamp])
-        self._discard_rewards([s for s in self._rewards if s < stamp])
-        self._last_paired = stamp
-        self.num_transitions += 1
-        return self._extend(transition)
-
-    def _discard_states(self, stamps: list[int]) -> None:
-        for stamp in stamps:
-            del self._states[stamp]
-            self.drop_message('state_without_reward', f'no reward came for the state at {stamp} ns')
-
-    def _discard_rewards(self, stamps: list[int]) -> None:
-        for stamp in stamps:
-            sample = self._rewards.pop(stamp)
-            self.drop_message(
-                'reward_without_state', f'no usable state came for the reward at {stamp} ns'
-            )
+        last = self._last_paired
+        if last is not None and stamp <= last:
+            # A replayed bag or a reset simulation. A single message that is late is no reason.
+            self._break_episode('time_backwards', 'a transition is older than the one before')
+            for old in [s for s in self._states if s > last]:
+                self._discard_state(old, 'state_without_reward')
+            for old in [s for s in self._rewards if s > last]:
+                self._discard_reward(old, 'reward_without_state')
+            self._recent.clear()
+            last = None
+        for old in [s for s in self._states if s < stamp]:
+            is_late = last is not None and old <= last
+            self._discard_state(old, 'too_late' if is_late else 'state_without_reward')
+        for old in [s for s in self._rewards if s < stamp]:
+            if last is not None and old <= last:
+                self._discard_reward(old, 'too_late')
+                continue
+            sample = self._discard_reward(old, 'reward_without_state')
             self._break_episode('lost_state', 'an episode has a reward without its state')
             self._skipping = not sample.ends_episode
             self._previous = sample
+        self._last_paired = stamp
+        self._recent[stamp] = transition
+        if len(self._recent) > MAX_PENDING:
+            del self._recent[next(iter(self._recent))]
+        self.num_transitions += 1
+        return self._extend(transition)
+
+    def _discard_state(self, stamp: int, cause: str) -> None:
+        del self._states[stamp]
+        self.drop_message(cause, f'the state at {stamp} ns has no reward or came too late')
+
+    def _discard_reward(self, stamp: int, cause: str) -> RewardSample:
+        self.drop_message(cause, f'the reward at {stamp} ns has no usable state or came too late')
+        return self._rewards.pop(stamp)
 
     def _extend(self, transition: Transition) -> list[Episode]:
         """Add a transition to the open episode, or begin one with it."""
@@ -222,7 +242,9 @@ class EpisodeAssembler:
             self._open.append(transition)
             self._skipping = self._was_cut = False
         elif not self._skipping:
-            self._break_episode('joined_midway', f'an episode begins with step {sample.step}')
+            self._break_episode(
+                'joined_midway', f'an episode begins with step {sample.step}; expected 0'
+            )
 
         if sample.ends_episode:
             if self._open:

@@ -188,10 +188,57 @@ def test_duplicates_are_counted_and_change_nothing():
 
 def test_time_running_backwards_begins_anew():
     assembler = EpisodeAssembler(100)
-    once = stream([3, 3])
-    episodes = feed(assembler, once[:5]) + feed(assembler, once)
-    assert rewards(episodes) == [[0, 1, 2], [0, 1, 2], [3, 4, 5]]
+    again = [
+        (stamp, state_of(n + 10), sample_of(n + 10, s.step, 3, episode=s.episode))
+        for n, (stamp, _, s) in enumerate(stream([3, 3]))
+    ]
+    episodes = feed(assembler, stream([3, 3])[:5]) + feed(assembler, again)
+    assert rewards(episodes) == [[0, 1, 2], [10, 11, 12], [13, 14, 15]]
     assert assembler.dropped_episodes == {'time_backwards': 1}
+
+
+@pytest.mark.parametrize('kind', ['state', 'reward', 'both'])
+def test_a_message_sent_again_long_after_changes_nothing(kind):
+    assembler = EpisodeAssembler(100)
+    transitions = stream([3, 3])
+    episodes = feed(assembler, transitions[:5])
+    stamp, state, sample = transitions[3]
+    if kind in ('state', 'both'):
+        assembler.add_state(stamp, NAMES, state)
+    if kind in ('reward', 'both'):
+        assembler.add_reward(stamp, sample)
+    episodes += feed(assembler, transitions[5:])
+    assert rewards(episodes) == [[0, 1, 2], [3, 4, 5]]
+    assert assembler.dropped_messages == {'duplicate_stamp': 2 if kind == 'both' else 1}
+    assert not assembler.dropped_episodes
+
+
+@pytest.mark.parametrize('kind', ['state', 'reward'])
+def test_a_lone_message_from_the_past_changes_nothing(kind):
+    assembler = EpisodeAssembler(100)
+    transitions = stream([3, 3])
+    episodes = feed(assembler, transitions[:5])
+    if kind == 'state':
+        assembler.add_state(5, NAMES, state_of(99))
+    else:
+        assembler.add_reward(5, sample_of(99, 0, 3))
+    episodes += feed(assembler, transitions[5:])
+    assert rewards(episodes) == [[0, 1, 2], [3, 4, 5]]
+    assert assembler.dropped_messages == {'too_late': 1}
+    assert not assembler.dropped_episodes
+
+
+def test_states_that_never_get_a_reward_do_not_starve_those_that_do():
+    assembler = EpisodeAssembler(100)
+    for stamp in range(10**6, 10**6 + MAX_PENDING):
+        assembler.add_state(stamp, NAMES, state_of(0))
+    transitions = stream([3, 3, 3])
+    episodes = []
+    for n, (stamp, state, _) in enumerate(transitions):
+        assembler.add_state(stamp, NAMES, state)
+        if n >= 2:  # rewards lag two states behind
+            episodes += assembler.add_reward(transitions[n - 2][0], transitions[n - 2][2])
+    assert rewards(episodes) == [[0, 1, 2], [3, 4, 5]]
 
 
 def test_streams_may_run_ahead_of_each_other():
@@ -215,11 +262,15 @@ def test_what_waits_is_bounded():
 
 def test_fields_may_come_and_go_without_harm():
     assembler = EpisodeAssembler(100)
+    episodes = []
     for number in range(20):
         fields = [('step',), ('episode', 'step'), ('ends',), ()][number % 4]
         assembler.add_state(number, NAMES, state_of(number))
-        assembler.add_reward(number, sample_of(number, number % 3, 3, fields=fields))
+        episodes += assembler.add_reward(number, sample_of(number, number % 3, 3, fields=fields))
     assert assembler.num_transitions == 20
+    for episode in episodes:  # whatever they are, they are runs of what was sent
+        np.testing.assert_array_equal(np.diff(episode.rewards), 1)
+        np.testing.assert_array_equal(episode.states[:, 0], episode.rewards)
 
 
 def test_clear_forgets_channels_and_what_is_open_but_not_the_counts():
@@ -260,6 +311,7 @@ def test_every_episode_that_comes_out_was_sent_complete_and_in_order(data):
     received = rewards(episodes)
     assert all(episode in sent for episode in received)
     assert received == sorted(received)
+    assert len(received) == len({tuple(episode) for episode in received})
     for episode in episodes:
         np.testing.assert_array_equal(episode.states[:, 0], episode.rewards)
     noticed = assembler.dropped_messages + assembler.dropped_episodes
