@@ -36,8 +36,8 @@ setup(
         'console_scripts': [
             'demo = cmifs_ros.tools.demo:main',
             'reproduce_paper = cmifs_ros.tools.reproduce_paper:main',
-            'selector_node = cmifs_ros.ros.selector_node:main',
-            'simulator_node = cmifs_ros.ros.simulator_node:main',
+            'selector_node = cmifs_ros.ros.run_node:selector_node',
+            'simulator_node = cmifs_ros.ros.run_node:simulator_node',
         ],
     },
 )

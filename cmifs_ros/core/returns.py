@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.signal import lfilter
 
 
 def discounted_returns(rewards: np.ndarray, gamma: float) -> np.ndarray:
@@ -30,5 +29,8 @@ def discounted_returns(rewards: np.ndarray, gamma: float) -> np.ndarray:
     """
     if not 0 < gamma <= 1:
         raise ValueError(f'gamma is {gamma}; expected 0 < gamma <= 1')
-    # Backwards in time it is the recursion eta_t = r_t + gamma eta_{t+1}.
-    return lfilter([1.0], [1.0, -gamma], np.asarray(rewards, dtype=np.float64)[::-1])[::-1]
+    returns = np.array(rewards, dtype=np.float64)
+    with np.errstate(over='ignore'):  # A return that overflows is infinite.
+        for t in range(len(returns) - 2, -1, -1):
+            returns[t] += gamma * returns[t + 1]
+    return returns

@@ -12,7 +12,6 @@ from rcl_interfaces.msg import (
     ParameterDescriptor,
     SetParametersResult,
 )
-from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
@@ -53,10 +52,6 @@ class Spec:
         return descriptor
 
 
-class BadParameterError(ValueError):
-    """A node cannot start with the parameters it was given."""
-
-
 def declare(
     node: Node,
     specs: Sequence[Spec],
@@ -81,7 +76,7 @@ def declare(
 
     Raises
     ------
-    BadParameterError
+    ValueError, InvalidParameterTypeException, InvalidParameterValueException
         If an initial value is refused.
 
     """
@@ -109,13 +104,10 @@ def declare(
             values.update(changed)
             apply(changed)
 
-    try:
-        for spec in specs:
-            parameter = node.declare_parameter(spec.name, spec.default, spec.descriptor())
-            values[spec.name] = parameter.value
-        check_all(values)
-    except (InvalidParameterTypeException, InvalidParameterValueException, ValueError) as error:
-        raise BadParameterError(str(error)) from error
+    for spec in specs:
+        parameter = node.declare_parameter(spec.name, spec.default, spec.descriptor())
+        values[spec.name] = parameter.value
+    check_all(values)
     node.add_on_set_parameters_callback(validate)
     node.add_post_set_parameters_callback(accept)
     return values

@@ -2,47 +2,54 @@
 
 from __future__ import annotations
 
+import importlib
+import os
 import signal
 import sys
-from collections.abc import Callable
-
-import rclpy
-from rclpy.clock import Clock
-from rclpy.clock_type import ClockType
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
-from rclpy.node import Node
-from rclpy.signals import SignalHandlerOptions
-
-from .parameters import BadParameterError
 
 #: How soon a signal is noticed, in seconds.
 _SIGNAL_PERIOD = 0.1
 
 
-def run_node(make_node: Callable[[], Node]) -> int:
-    """Run a node until SIGINT, SIGTERM or shutdown; return the process's exit code.
+def selector_node() -> int:
+    """Run the selector; see `run_node`."""
+    return run_node('selector_node', 'SelectorNode')
 
-    The code is 0, or 2 if the node cannot start as it was asked to.
 
-    The signals end the loop between two callbacks. rclpy's own handlers would shut the
-    context down in the middle of one, and its next publish would raise.
+def simulator_node() -> int:
+    """Run the simulator; see `run_node`."""
+    return run_node('simulator_node', 'SimulatorNode')
 
-    The node may have a method `close`, called before it is destroyed.
+
+def run_node(module: str, name: str) -> int:
+    """Run a node of this package until SIGINT, SIGTERM or shutdown; return the exit code.
+
+    It is 0, or 2 if the node cannot start as it was asked to. The signals end the loop between
+    two callbacks: rclpy's own handlers would shut the context down in the middle of one, and
+    its next publish would raise. While the node is still being loaded they end it at once.
     """
+    _on_signals(lambda *_: os._exit(0))
+    import rclpy
+    from rclpy.clock import Clock
+    from rclpy.clock_type import ClockType
+    from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
+    from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+    from rclpy.signals import SignalHandlerOptions
+
     stopping = False
 
     def stop(*_):
         nonlocal stopping
         stopping = True
 
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, stop)
-    node = None
+    make_node = getattr(importlib.import_module(f'.{module}', __package__), name)
+    _on_signals(stop)
     try:
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     except RuntimeError as error:  # A ROS argument or a parameter file cannot be read.
         print(error, file=sys.stderr)
         return 2
+    node = None
     try:
         node = make_node()
         # The executor returns after each callback, so this also bounds the wait for one.
@@ -55,12 +62,18 @@ def run_node(make_node: Callable[[], Node]) -> int:
             executor.spin_once()
     except ExternalShutdownException:
         pass
-    except BadParameterError as error:
+    except (ValueError, InvalidParameterTypeException, InvalidParameterValueException) as error:
+        if node is not None:
+            raise
         print(error, file=sys.stderr)
         return 2
     finally:
         if node is not None:
-            node.close()
             node.destroy_node()
         rclpy.try_shutdown()
     return 0
+
+
+def _on_signals(handler) -> None:
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, handler)

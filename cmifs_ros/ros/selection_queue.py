@@ -15,18 +15,43 @@ from .worker import WorkerProcess
 
 @dataclass(frozen=True)
 class Job:
-    """The arguments of `select`, and the revision of the data and settings they were taken at."""
+    """The arguments of `select`.
+
+    Attributes
+    ----------
+    revision : int
+        Changes with the data and the settings.
+    generation : int
+        Changes when the data are thrown away.
+    arguments : tuple
+
+    """
 
     revision: int
+    generation: int
     arguments: tuple
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """A selection, or the reason why there is none."""
+    """A selection, or the reason why there is none.
+
+    Attributes
+    ----------
+    selection : Selection or None
+    error : str
+        Why there is none.
+    is_refusal : bool
+        Nothing failed; there was no reason to start.
+    generation : int
+        That of its job.
+
+    """
 
     selection: Selection | None = None
     error: str = ''
+    is_refusal: bool = False
+    generation: int = 0
 
 
 class RefusedError(Exception):
@@ -60,7 +85,7 @@ class SelectionQueue:
         self._current_revision = current_revision
         self._on_outcome = on_outcome
         self._worker = WorkerProcess()
-        self._running_revision: int | None = None
+        self._running: Job | None = None
         self._joined: list[Future] = []
         self._waiting: list[Future] = []
 
@@ -77,7 +102,7 @@ class SelectionQueue:
     def request(self) -> Future:
         """Ask for a selection; the future gives an `Outcome`."""
         future = Future()
-        if self.busy and self._running_revision == self._current_revision():
+        if self.busy and self._running.revision == self._current_revision():
             self._joined.append(future)
         else:
             self._waiting.append(future)
@@ -88,13 +113,14 @@ class SelectionQueue:
         """Collect a finished selection and start the next one. Never blocks."""
         finished = self._worker.outcome()
         if finished is not None:
-            error = finished.exception()
+            error, generation = finished.exception(), self._running.generation
             if error is None:
-                outcome = Outcome(finished.result())
+                outcome = Outcome(finished.result(), generation=generation)
             elif isinstance(error, BrokenProcessPool):
-                outcome = Outcome(error='the worker process died during the selection')
+                reason = 'the worker process died during the selection'
+                outcome = Outcome(error=reason, generation=generation)
             else:
-                outcome = Outcome(error=str(error))
+                outcome = Outcome(error=str(error), generation=generation)
             joined, self._joined = self._joined, []
             self._answer(joined, outcome)
         self._start_next()
@@ -110,11 +136,15 @@ class SelectionQueue:
         try:
             job = self._make_job()
         except RefusedError as error:
-            self._answer(waiting, Outcome(error=str(error)))
+            self._answer(waiting, Outcome(error=str(error), is_refusal=True))
             return
-        self._worker.submit(select, *job.arguments)
-        self._running_revision = job.revision
-        self._joined = waiting
+        try:
+            self._worker.submit(select, *job.arguments)
+        except OSError as error:
+            reason = f'no worker process could be started: {error}'
+            self._answer(waiting, Outcome(error=reason, generation=job.generation))
+            return
+        self._running, self._joined = job, waiting
 
     def _answer(self, futures: list[Future], outcome: Outcome) -> None:
         self._on_outcome(outcome)

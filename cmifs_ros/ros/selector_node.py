@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
-import sys
 import time
 from collections import Counter
 
@@ -24,13 +23,14 @@ from cmifs_ros.core.selection import METHODS, Selection
 
 from . import conversions, diagnostics
 from .parameters import Spec, declare
-from .run_node import run_node
 from .selection_queue import Job, Outcome, RefusedError, SelectionQueue
 from .transitions import EpisodeAssembler
 
 STREAM_QOS = QoSProfile(depth=1000)
 LATCHED_QOS = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
+#: Least selection_period in seconds, unless it is 0.
+LEAST_PERIOD = 0.1
 #: Seconds between looks at the worker.
 _POLL_PERIOD = 0.1
 #: Seconds between two warnings of dropped messages.
@@ -76,14 +76,17 @@ class SelectorNode(Node):
         self._buffer = EpisodeBuffer(self._settings['max_episodes'])
         self._assembler = EpisodeAssembler(self._settings['max_episode_steps'])
         self._queue = SelectionQueue(self._make_job, lambda: self._revision, self._on_outcome)
-        self._revision = 0  # counts changes of the episodes and the settings
-        self._attempted_revision = 0
+        self._revision = 0  # counts what would change a selection
+        self._attempted_revision: int | None = 0  # None: the last attempt failed
+        self._generation = 0  # counts how often the episodes were thrown away
         self._selection: Selection | None = None
         self._selected_at = -math.inf
         self._last_error = ''
         self._last_state_at = -math.inf
         self._relay_names: tuple[str, ...] | None = None
         self._relay_columns: list[int] | None = None
+        self._num_not_relayed = 0
+        self._status_name = self.get_fully_qualified_name().lstrip('/')
         self._is_reward_announced = False
         self._warned_at = -math.inf
         self._warned_drops: Counter[str] = Counter()
@@ -113,18 +116,22 @@ class SelectorNode(Node):
         self._selection_timer = None
         self._set_selection_period(self._settings['selection_period'])
 
-    def close(self) -> None:
-        """End the worker process."""
+    def destroy_node(self) -> None:
+        """End the worker process, then the node."""
         self._queue.stop()
+        super().destroy_node()
 
     # --- data in
 
     def _on_state(self, msg: JointState) -> None:
         self._last_state_at = time.monotonic()
         names, values = conversions.named_values(msg)
-        self._relay(msg.header, names, msg.position)
         stamp = conversions.stamp_to_nanoseconds(msg.header.stamp)
+        self._relay(msg.header, names, msg.position)
+        were_known = self._assembler.channel_names is not None
         self._keep(self._assembler.add_state(stamp, names, values))
+        if not were_known and self._assembler.channel_names is not None:
+            self._drop_foreign_selection()
 
     def _on_reward(self, msg: JointState) -> None:
         try:
@@ -173,7 +180,9 @@ class SelectorNode(Node):
             self._relay_columns = (
                 None if missing else [names.index(name) for name in self._selection.names]
             )
-        if self._relay_columns is not None:
+        if self._relay_columns is None:
+            self._num_not_relayed += 1
+        else:
             self._state_publisher.publish(
                 JointState(
                     header=header,
@@ -181,6 +190,18 @@ class SelectorNode(Node):
                     position=[positions[i] for i in self._relay_columns],
                 )
             )
+
+    def _drop_foreign_selection(self) -> None:
+        """Return to the beginning if the channels, new after a clear, lack a selected one."""
+        if self._selection is None:
+            return
+        missing = set(self._selection.names) - set(self._assembler.channel_names)
+        if missing:
+            self.get_logger().warning(
+                f'the selection is dropped: {", ".join(sorted(missing))} is not among the new '
+                f'channels {", ".join(self._assembler.channel_names)}'
+            )
+            self._selection = None
 
     # --- selections
 
@@ -227,7 +248,8 @@ class SelectorNode(Node):
                 'n_jobs': values['worker_threads'],
             }
         episodes, names = self._buffer.snapshot(), self._assembler.channel_names
-        return Job(self._revision, (episodes, names, values['method'], settings))
+        arguments = (episodes, names, values['method'], settings)
+        return Job(self._revision, self._generation, arguments)
 
     def _select_periodically(self) -> None:
         enough = len(self._buffer) >= self._settings['min_episodes']
@@ -235,9 +257,15 @@ class SelectorNode(Node):
             self._queue.request()
 
     def _on_outcome(self, outcome: Outcome) -> None:
+        if outcome.is_refusal:  # Whoever asked is told why; nothing is wrong.
+            return
+        if outcome.generation != self._generation:
+            self.get_logger().info('a selection is not used: its episodes were cleared meanwhile')
+            return
         selection = outcome.selection
         self._last_error = outcome.error
         if selection is None:
+            self._attempted_revision = None
             self.get_logger().warning(f'no selection: {outcome.error}')
             return
         evidence = (
@@ -254,6 +282,7 @@ class SelectorNode(Node):
         self._selection = selection
         self._selected_at = time.monotonic()
         self._relay_names = None
+        self._num_not_relayed = 0
         self._indices_publisher.publish(conversions.indices_to_msg(selection.indices))
         header = Header(stamp=self.get_clock().now().to_msg())
         gains = [b - a for a, b in zip((0.0, *selection.scores), selection.scores, strict=False)]
@@ -265,7 +294,9 @@ class SelectorNode(Node):
     # --- upkeep
 
     def _apply_parameters(self, changed: dict) -> None:
-        self._revision += 1
+        if changed.keys() & SELECTION_PARAMETERS:
+            self._revision += 1
+            self._last_error = ''
         if 'max_episodes' in changed:
             self._buffer.max_episodes = changed['max_episodes']
         if 'max_episode_steps' in changed:
@@ -288,6 +319,8 @@ class SelectorNode(Node):
         self._buffer.clear()
         self._assembler.clear()
         self._revision += 1
+        self._generation += 1
+        self._last_error = ''
         self.get_logger().info(f'cleared {response.message}')
         return response
 
@@ -328,7 +361,7 @@ class SelectorNode(Node):
             **{f'messages dropped: {k}': n for k, n in assembler.dropped_messages.items()},
             **{f'episodes dropped: {k}': n for k, n in assembler.dropped_episodes.items()},
         }
-        return diagnostics.status(f'{self.get_name()}: input', level, message, values)
+        return diagnostics.status(f'{self._status_name}: input', level, message, values)
 
     def _selection_status(self):
         selection = self._selection
@@ -344,6 +377,7 @@ class SelectorNode(Node):
                 'age in s': f'{time.monotonic() - self._selected_at:.0f}',
                 'episodes used': selection.episodes,
                 'seconds taken': f'{selection.seconds:.2f}',
+                'states without a selected channel': self._num_not_relayed,
             }
         if self._last_error:
             level, message = diagnostics.ERROR, self._last_error
@@ -353,10 +387,18 @@ class SelectorNode(Node):
                 f'no selection yet; {len(self._buffer)} episodes of at least '
                 f'{self._settings["min_episodes"]}'
             )
+        elif self._relay_columns is None and self._relay_names is not None:
+            level, message = diagnostics.WARN, 'the newest state lacks a selected channel'
         else:
             level, message = diagnostics.OK, f'selected {values["names"]}'
-        return diagnostics.status(f'{self.get_name()}: selection', level, message, values)
+        return diagnostics.status(f'{self._status_name}: selection', level, message, values)
 
+
+#: The parameters that a selection depends on.
+SELECTION_PARAMETERS = {
+    'method', 'kdr_target', 'num_features', 'gamma', 'criterion', 'standardize', 'direction',
+    'sensor_groups', 'max_episodes', 'max_time_bins', 'random_state',
+}  # fmt: skip
 
 NOTHING_SELECTED = 'no sensor tells anything about the return'
 
@@ -367,6 +409,11 @@ def check_parameters(values: dict) -> None:
         raise ValueError(
             f'min_episodes is {values["min_episodes"]} and max_episodes {values["max_episodes"]}; '
             'expected min_episodes <= max_episodes'
+        )
+    if 0 < values['selection_period'] < LEAST_PERIOD:
+        raise ValueError(
+            f'selection_period is {values["selection_period"]:g}; expected 0 or at least '
+            f'{LEAST_PERIOD} s'
         )
     parse_sensor_groups(values['sensor_groups'])
     if values['kdr_target'] or values['method'] == 'kdr':
@@ -410,12 +457,3 @@ def parse_kdr_target(text: str) -> list[str]:
             'directly, distinct, as in "x,y"'
         )
     return channels
-
-
-def main() -> None:
-    """Run the node until it is told to stop."""
-    sys.exit(run_node(SelectorNode))
-
-
-if __name__ == '__main__':
-    main()

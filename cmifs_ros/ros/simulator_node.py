@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import sys
-
 import numpy as np
 from nav_msgs.msg import OccupancyGrid
 from rclpy.node import Node
@@ -17,7 +15,6 @@ from cmifs_ros.sim.grid_world import WALLS
 
 from . import conversions
 from .parameters import Spec, declare
-from .run_node import run_node
 from .transitions import RewardSample
 
 MILLISECOND = 1_000_000  # in nanoseconds
@@ -51,28 +48,23 @@ class SimulatorNode(Node):
         self._episode = -1
         self._step = 0
         self._last_stamp = -MILLISECOND
-        self._is_waiting = self._settings['wait_for_subscribers']
-        if self._is_waiting:
+        self._has_begun = False
+        self._said_of_limit = 0
+        if self._settings['wait_for_subscribers']:
             self.get_logger().info('waiting for a subscriber of state and reward')
         self._timer = self.create_timer(1 / self._settings['rate'], self._tick)
-
-    def close(self) -> None:
-        """Nothing outlives the node."""
 
     def _apply_parameters(self, changed: dict) -> None:
         if {'scenario', 'seed'} & changed.keys():
             self._world = None
         if 'rate' in changed:
             self._timer.timer_period_ns = int(1e9 / changed['rate'])
+            self._timer.reset()
 
     def _tick(self) -> None:
-        if self._is_waiting:
-            if not (
-                self._state_publisher.get_subscription_count()
-                and self._reward_publisher.get_subscription_count()
-            ):
-                return
-            self._is_waiting = False
+        self._has_begun = self._has_begun or self._may_begin()
+        if not self._has_begun:
+            return
         if self._state is None and not self._begin_episode():
             return
         action = sample_action(self._state, self._policy_rng)
@@ -88,11 +80,18 @@ class SimulatorNode(Node):
         if terminated or truncated:
             self._state = None
 
+    def _may_begin(self) -> bool:
+        return not self._settings['wait_for_subscribers'] or bool(
+            self._state_publisher.get_subscription_count()
+            and self._reward_publisher.get_subscription_count()
+        )
+
     def _begin_episode(self) -> bool:
         limit = self._settings['num_episodes']
         if limit and self._episode + 1 >= limit:
-            self._timer.cancel()
-            self.get_logger().info(f'published {limit} episodes')
+            if self._said_of_limit != limit:
+                self._said_of_limit = limit
+                self.get_logger().info(f'published {self._episode + 1} episodes')
             return False
         if self._world is None:
             world_seed, policy_seed = np.random.SeedSequence(self._settings['seed']).spawn(2)
@@ -125,12 +124,3 @@ class SimulatorNode(Node):
             self._marker_publisher.publish(
                 conversions.robot_to_msg(header, world.column, world.row, world.battery)
             )
-
-
-def main() -> None:
-    """Run the node until it is told to stop."""
-    sys.exit(run_node(SimulatorNode))
-
-
-if __name__ == '__main__':
-    main()

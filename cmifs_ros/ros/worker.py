@@ -44,6 +44,8 @@ class WorkerProcess:
         ------
         RuntimeError
             If a job is under way.
+        OSError
+            If the system gives no process.
 
         """
         if self.busy:
@@ -89,7 +91,8 @@ class WorkerProcess:
             future = self._pool.submit(function, *args)
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
-        (self._process,) = set(multiprocessing.active_children()) - others
+        # None if it is dead already, which its future then tells.
+        self._process = next(iter(set(multiprocessing.active_children()) - others), None)
         return future
 
 

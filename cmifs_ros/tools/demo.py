@@ -36,6 +36,8 @@ RELEVANT = {
 NUM_FEATURES = {'without_gravel': 3, 'with_gravel': 4}
 #: Steps per second after the episodes are collected: slow enough to read.
 SHOW_RATE = 10.0
+#: Selected states to show.
+NUM_SHOWN = 3
 
 
 class DemoError(RuntimeError):
@@ -70,6 +72,10 @@ class Processes:
     def log(self, name: str) -> Path:
         """Return the file with the output of a process."""
         return self._folder / f'{name}.log'
+
+    def lines(self, name: str) -> list[str]:
+        """Return the whole lines that a process has written so far."""
+        return self.log(name).read_text().split('\n')[:-1]
 
     def check(self) -> None:
         """Raise if a signal came, or a process has ended."""
@@ -238,7 +244,7 @@ def run(options: argparse.Namespace) -> None:
         client = Client(processes)
         client.wait_for_episodes(options.episodes)
         client.slow_down()
-        before = len(processes.log('downstream').read_text().splitlines())
+        before = len(processes.lines('downstream'))
         print('calling /select_features; the state keeps flowing meanwhile ...', flush=True)
         result = client.select_features()
         print(
@@ -247,20 +253,19 @@ def run(options: argparse.Namespace) -> None:
         )
         print_ranking(result, options.scenario)
 
-        lines = processes.log('downstream').read_text().splitlines()
-        during = len(lines) - before
+        during = len(processes.lines('downstream')) - before
+        count = len(result['names'])
+        lines = []
         deadline = time.monotonic() + 10
-        expected = len(result['names'])
-        while len(lines) < 2 or len(lines[-2].split()) != expected:
+        while sum(len(line.split()) == count for line in lines) < NUM_SHOWN:
             if time.monotonic() > deadline:
                 raise DemoError('the downstream node received no state of the selected sensors')
             processes.check()
-            time.sleep(2 / SHOW_RATE)
-            lines = processes.log('downstream').read_text().splitlines()
+            time.sleep(1 / SHOW_RATE)
+            lines = processes.lines('downstream')
     print(f'\nwhat the downstream process received, {during} messages of it during the selection:')
     print(f'  before  {lines[before - 1]}')
-    reduced = [line for line in lines if len(line.split()) == expected]
-    for line in reduced[-3:]:
+    for line in lines[-NUM_SHOWN:]:
         print(f'  after   {line}')
     plot_scores(result, options.scenario, options.out)
     print(f'\nscore path: {options.out.resolve()}')

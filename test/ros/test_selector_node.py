@@ -12,6 +12,8 @@ from rcl_interfaces.srv import DescribeParameters, ListParameters
 from sensor_msgs.msg import JointState
 
 from cmifs_ros.core import ConditionalMISelector, Episode, KDRSelector
+from cmifs_ros.ros import selector_node as selector_module
+from cmifs_ros.ros import simulator_node as simulator_module
 from cmifs_ros.ros.transitions import RewardSample
 from cmifs_ros.sim import channel_names, rollout
 
@@ -251,6 +253,7 @@ def test_rewards_alone_are_enough_and_what_they_lack_is_said_once(start, robot):
         ('min_episodes', 200, 'expected min_episodes <= max_episodes'),
         ('max_episodes', 1, 'out of range'),
         ('num_features', -1, 'out of range'),
+        ('selection_period', 1e-9, 'selection_period is 1e-09; expected 0 or at least 0.1 s'),
         ('sensor_groups', 'pose', "sensor_groups has 'pose'; expected"),
     ],
 )
@@ -305,6 +308,63 @@ def test_cleared_episodes_are_gone_and_other_channels_welcome(selector, robot):
     robot.wait_for_episodes(0)
     robot.publish_episodes(small_episodes(1), ('d', 'e', 'f'), begin=10**12)
     robot.wait_for_episodes(1)
+
+
+def test_after_a_clear_other_channels_pass_until_they_are_selected_from(selector, robot):
+    robot.set_parameter('num_features', 1)
+    robot.publish_episodes(small_episodes(), NAMES)
+    robot.wait_for_episodes(24)
+    assert robot.call(robot.select_client).success
+    robot.call(robot.clear_client)
+    robot.wait_for_episodes(0)
+    robot.publish_episodes(small_episodes(1), ('d', 'e', 'f'), begin=10**12)
+    robot.wait_for_episodes(1)
+    robot.until(lambda: robot.selected and list(robot.selected[-1].name) == ['d', 'e', 'f'])
+    assert 'the selection is dropped: c is not among the new channels d, e, f' in selector.output
+
+
+def test_a_selection_of_cleared_episodes_is_answered_but_not_used(selector, robot):
+    robot.publish_episodes(rollout('with_gravel', 40, seed=0), channel_names('with_gravel'))
+    robot.wait_for_episodes(40)
+    future = robot.select_client.call_async(robot.select_client.srv_type.Request())
+    status = 'selector: selection'
+    robot.until(lambda: robot.diagnostics[status][2]['worker'] == 'computing')
+    robot.call(robot.clear_client)
+    robot.until(future.done, 60)
+    assert json.loads(future.result().message)['episodes'] == 40
+    robot.until(lambda: 'its episodes were cleared meanwhile' in selector.output)
+    assert 'names' not in robot.diagnostics[status][2]
+
+
+def test_states_without_a_selected_channel_turn_the_diagnostics_to_warn(selector, robot):
+    robot.set_parameter('num_features', 1)
+    robot.publish_episodes(small_episodes(), NAMES)
+    robot.wait_for_episodes(24)
+    assert robot.call(robot.select_client).success
+    robot.publish_state(10**12, ('a', 'b'), [1.0, 2.0])
+    status = 'selector: selection'
+    robot.until(lambda: robot.diagnostics[status][0] == b'\x01')
+    assert robot.value('states without a selected channel', status) == 1
+
+
+def test_a_refusal_is_no_error_of_the_node(selector, robot):
+    assert not robot.call(robot.select_client).success
+    status = 'selector: selection'
+    robot.diagnostics.clear()
+    robot.until(lambda: status in robot.diagnostics)
+    assert robot.diagnostics[status][0] == b'\x00'
+    assert 'WARN' not in selector.output
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_during_start_up_ends_the_node_cleanly(start, robot, number):
+    node = start('selector_node')
+    # rclpy is being loaded: Python is up and the node is not.
+    maps = Path(f'/proc/{node.process.pid}/maps')
+    robot.until(lambda: '_rclpy_pybind11' in maps.read_text())
+    code, seconds = node.end(number)
+    assert (code, node.output) == (0, '')
+    assert seconds < 2
 
 
 def test_a_killed_worker_is_reported_and_replaced(selector, robot):
@@ -388,6 +448,12 @@ def test_the_parameter_file_names_every_parameter_with_its_default(start, robot,
     ]
     path = Path(get_package_share_directory('cmifs_ros'), 'config', 'cmifs_ros.yaml')
     written = yaml.safe_load(path.read_text())[f'/**/{node}']['ros__parameters']
+    specs = {
+        'selector': selector_module.PARAMETERS,
+        'simulator': simulator_module.PARAMETERS,
+    }[node]
+    assert written == {spec.name: spec.default for spec in specs}
+    assert list(written) == [spec.name for spec in specs]
     assert set(written) == set(names)
     described = robot.call(describer, DescribeParameters.Request(names=names)).descriptors
     assert all(d.description for d in described)

@@ -56,22 +56,39 @@ def test_it_publishes_the_episodes_of_its_seed_and_none_is_lost(start, robot, sc
     robot.until(lambda: 'published 5 episodes' in node.output)
 
 
-def test_the_scenario_changes_with_the_next_episode(start, robot):
-    start('simulator_node', rate=200.0)
-    listener = Listener(robot)
-    robot.until(lambda: listener.episodes)
+@pytest.fixture
+def set_parameter(robot):
+    """Set a parameter of the simulator and return the result."""
     client = AsyncParameterClient(robot.node, 'simulator')
-    robot.until(client.services_are_ready)
 
-    def set_scenario(value):
-        future = client.set_parameters([Parameter('scenario', value=value)])
+    def set_(name, value):
+        robot.until(client.services_are_ready)
+        future = client.set_parameters([Parameter(name, value=value)])
         robot.until(future.done)
         return future.result().results[0]
 
-    refused = set_scenario('mars')
+    return set_
+
+
+def test_every_parameter_takes_effect_while_it_runs(start, robot, set_parameter):
+    start('simulator_node', rate=0.01, num_episodes=2)
+    states = []
+    robot.node.create_subscription(JointState, 'state', states.append, QOS)
+    assert set_parameter('wait_for_subscribers', False).successful
+    assert set_parameter('rate', 500.0).successful
+    robot.until(lambda: len(states) == 40)  # nobody subscribes to reward
+    assert set_parameter('num_episodes', 3).successful
+    robot.until(lambda: len(states) == 60)
+
+
+def test_the_scenario_changes_with_the_next_episode(start, robot, set_parameter):
+    start('simulator_node', rate=200.0)
+    listener = Listener(robot)
+    robot.until(lambda: listener.episodes)
+    refused = set_parameter('scenario', 'mars')
     assert not refused.successful
     assert "scenario is 'mars'; expected one of without_gravel, with_gravel" in refused.reason
-    assert set_scenario('with_gravel').successful
+    assert set_parameter('scenario', 'with_gravel').successful
     robot.until(lambda: listener.state_names[-1] == channel_names('with_gravel'))
     change = listener.state_names.index(channel_names('with_gravel'))
     assert change % 20 == 0
