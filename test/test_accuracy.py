@@ -3,24 +3,20 @@
 import joblib
 import pytest
 
-from cmifs_ros.core import ConditionalMISelector
-from cmifs_ros.sim import rollout
-
-SEEDS = range(10)
-
-
-def select(scenario, count, seed):
-    selector = ConditionalMISelector(count).fit(rollout(scenario, 100, seed))
-    return selector.get_support(indices=True).tolist()
+from cmifs_ros.core.selection import select
+from cmifs_ros.sim import channel_names, rollout
 
 
 @pytest.mark.parametrize(
     ('scenario', 'count', 'relevant', 'least'),
-    [('without_gravel', 3, {0, 1}, 10), ('with_gravel', 4, {0, 1, 2, 3}, 9)],
+    [('without_gravel', 3, {'x', 'y'}, 10), ('with_gravel', 4, {'x', 'y', 'battery', 'gravel'}, 9)],
 )
 def test_relevant_sensors_come_first(scenario, count, relevant, least):
+    names, settings = channel_names(scenario), {'num_features': count}
     with joblib.parallel_config(backend='loky', inner_max_num_threads=1):
-        selected = joblib.Parallel(n_jobs=2)(
-            joblib.delayed(select)(scenario, count, seed) for seed in SEEDS
+        selections = joblib.Parallel(n_jobs=2)(
+            joblib.delayed(select)(rollout(scenario, 100, seed), names, 'conditional_mi', settings)
+            for seed in range(10)
         )
-    assert sum(relevant <= set(s) for s in selected) >= least, selected
+    selected = [selection.names for selection in selections]
+    assert sum(relevant <= set(names) for names in selected) >= least, selected

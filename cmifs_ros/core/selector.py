@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -20,7 +21,7 @@ from .search import (
 )
 
 
-class SensorSelector:
+class SensorSelector(ABC):
     """What the selectors share: everything but the criterion.
 
     Attributes
@@ -50,13 +51,13 @@ class SensorSelector:
         self.groups = groups
         self.random_state = random_state
 
+    @abstractmethod
     def _make_criterion(self, episodes: list[Episode], names: tuple[str, ...]) -> Criterion:
         """Return the criterion of these episodes; raise ValueError for a bad parameter."""
-        raise NotImplementedError
 
+    @abstractmethod
     def _best_number(self, scores: list[float]) -> int:
         """Return how many sensors to select when the caller does not say."""
-        raise NotImplementedError
 
     def fit(self, episodes, names: Sequence[str] | None = None) -> SensorSelector:
         """Rank the sensors and select the best.

@@ -18,19 +18,24 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Header, Int32MultiArray
 from std_srvs.srv import Trigger
 
-from cmifs_ros.core import CRITERIA, DIRECTIONS, Episode, EpisodeBuffer
-from cmifs_ros.core.selection import METHODS, Selection
+from cmifs_ros.core import Episode, EpisodeBuffer
+from cmifs_ros.core.selection import Selection
 
 from . import conversions, diagnostics
-from .parameters import Spec, declare
+from .parameters import declare
 from .selection_queue import Job, Outcome, RefusedError, SelectionQueue
+from .selector_parameters import (
+    PARAMETERS,
+    SELECTION_PARAMETERS,
+    check_parameters,
+    parse_kdr_target,
+    parse_sensor_groups,
+)
 from .transitions import EpisodeAssembler
 
 STREAM_QOS = QoSProfile(depth=1000)
 LATCHED_QOS = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
-#: Least selection_period in seconds, unless it is 0.
-LEAST_PERIOD = 0.1
 #: Seconds between looks at the worker.
 _POLL_PERIOD = 0.1
 #: Seconds between two warnings of dropped messages.
@@ -38,33 +43,7 @@ _WARNING_PERIOD = 10.0
 #: Seconds without a state after which the input counts as silent.
 _SILENCE = 5.0
 
-PARAMETERS = (
-    Spec('method', 'conditional_mi',
-         'What a sensor is judged by: what the return depends on, or, one step ahead, kdr_target.',
-         choices=tuple(METHODS)),
-    Spec('kdr_target', '',
-         'For method kdr: the channels that the reward depends on directly, as in "x,y".'),
-    Spec('num_features', 0, 'Sensors to select; 0 decides automatically.', (0, 10_000)),
-    Spec('gamma', 0.95, 'Discount factor of the return.', (1e-6, 1)),
-    Spec('criterion', 'held_out', 'Estimate of the mutual information.', choices=CRITERIA),
-    Spec('standardize', True, 'Scale channels and returns to mean 0 and spread 1.'),
-    Spec('direction', 'forward', 'Search: forward selection or backward elimination.',
-         choices=DIRECTIONS),
-    Spec('sensor_groups', '',
-         'Sensors of several channels, selected as a whole: "pose=x,y; lidar=l0,l1,l2".'),
-    Spec('min_episodes', 20, 'Episodes needed for a selection.', (2, 100_000)),
-    Spec('max_episodes', 100, 'Episodes kept; the oldest leave first.', (2, 100_000)),
-    Spec('max_episode_steps', 1000, 'A longer episode is closed at this step.', (1, 1_000_000)),
-    Spec('selection_period', 30.0, 'Seconds between selections; 0 selects by service only.',
-         (0, 1e6)),
-    Spec('max_time_bins', 32, 'Longer episodes have neighbouring steps pooled; 0 never pools.',
-         (0, 10_000)),
-    Spec('random_state', 0, 'Seed of the folds and kernel centres.', (0, 2**31 - 1)),
-    Spec('worker_threads', 1, 'Threads that compute a selection; more pay for long episodes.',
-         (1, 64)),
-    Spec('pass_through_until_selected', True,
-         'Republish all channels before the first selection, in place of none.'),
-)  # fmt: skip
+NOTHING_SELECTED = 'no sensor tells anything about the return'
 
 
 class SelectorNode(Node):
@@ -392,68 +371,3 @@ class SelectorNode(Node):
         else:
             level, message = diagnostics.OK, f'selected {values["names"]}'
         return diagnostics.status(f'{self._status_name}: selection', level, message, values)
-
-
-#: The parameters that a selection depends on.
-SELECTION_PARAMETERS = {
-    'method', 'kdr_target', 'num_features', 'gamma', 'criterion', 'standardize', 'direction',
-    'sensor_groups', 'max_episodes', 'max_time_bins', 'random_state',
-}  # fmt: skip
-
-NOTHING_SELECTED = 'no sensor tells anything about the return'
-
-
-def check_parameters(values: dict) -> None:
-    """Raise ValueError if the parameters cannot be used together."""
-    if values['min_episodes'] > values['max_episodes']:
-        raise ValueError(
-            f'min_episodes is {values["min_episodes"]} and max_episodes {values["max_episodes"]}; '
-            'expected min_episodes <= max_episodes'
-        )
-    if 0 < values['selection_period'] < LEAST_PERIOD:
-        raise ValueError(
-            f'selection_period is {values["selection_period"]:g}; expected 0 or at least '
-            f'{LEAST_PERIOD} s'
-        )
-    parse_sensor_groups(values['sensor_groups'])
-    if values['kdr_target'] or values['method'] == 'kdr':
-        parse_kdr_target(values['kdr_target'])
-
-
-def parse_sensor_groups(text: str) -> dict[str, list[str]]:
-    """Return the groups of "pose=x,y; lidar=l0,l1" as {'pose': ['x', 'y'], ...}.
-
-    Raises
-    ------
-    ValueError
-        If a part is not of the form name=channel,channel or a name comes twice.
-
-    """
-    groups: dict[str, list[str]] = {}
-    for part in filter(None, map(str.strip, text.split(';'))):
-        name, _, members = (piece.strip() for piece in part.partition('='))
-        channels = [channel.strip() for channel in members.split(',')]
-        if not name or not all(channels) or name in groups:
-            raise ValueError(
-                f'sensor_groups has {part!r}; expected distinct names as in "pose=x,y; arm=a,b"'
-            )
-        groups[name] = channels
-    return groups
-
-
-def parse_kdr_target(text: str) -> list[str]:
-    """Return the channels of "x,y" as ['x', 'y'].
-
-    Raises
-    ------
-    ValueError
-        If there is none, one is empty, or one comes twice.
-
-    """
-    channels = [channel.strip() for channel in text.split(',')]
-    if not all(channels) or len(set(channels)) < len(channels):
-        raise ValueError(
-            f'kdr_target is {text!r}; method kdr needs the channels that the reward depends on '
-            'directly, distinct, as in "x,y"'
-        )
-    return channels

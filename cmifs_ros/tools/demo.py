@@ -121,6 +121,12 @@ class Client(Node):
             if status.name == 'selector: input':
                 self._episodes = int({v.key: v.value for v in status.values}['episodes'])
 
+    def wait_for_downstream(self) -> None:
+        """Wait until the downstream node listens, so that it misses nothing."""
+        while not self.count_subscribers('selected_state'):
+            rclpy.spin_once(self, timeout_sec=0.5)
+            self._processes.check()
+
     def wait_for_episodes(self, count: int) -> None:
         """Show a progress bar until the selector has collected `count` episodes."""
         with tqdm(total=count, desc='episodes', file=sys.stdout, disable=None) as bar:
@@ -228,6 +234,12 @@ def run(options: argparse.Namespace) -> None:
             *('-p', 'selection_period:=0.0'),
         )
         processes.start('downstream', sys.executable, '-m', 'cmifs_ros.tools.downstream')
+        print(
+            f'simulator ({options.scenario}), selector and downstream node run as processes '
+            f'in ROS domain {os.environ["ROS_DOMAIN_ID"]}; collecting {options.episodes} episodes'
+        )
+        client = Client(processes)
+        client.wait_for_downstream()
         processes.start(
             'simulator',
             executable('simulator_node'),
@@ -236,12 +248,6 @@ def run(options: argparse.Namespace) -> None:
             *('-p', f'seed:={options.seed}'),
             *('-p', f'rate:={options.rate}'),
         )
-        print(
-            f'simulator ({options.scenario}), selector and downstream node run as processes '
-            f'in ROS domain {os.environ["ROS_DOMAIN_ID"]}; collecting {options.episodes} episodes'
-        )
-        processes.check()
-        client = Client(processes)
         client.wait_for_episodes(options.episodes)
         client.slow_down()
         before = len(processes.lines('downstream'))
@@ -264,7 +270,8 @@ def run(options: argparse.Namespace) -> None:
             time.sleep(1 / SHOW_RATE)
             lines = processes.lines('downstream')
     print(f'\nwhat the downstream process received, {during} messages of it during the selection:')
-    print(f'  before  {lines[before - 1]}')
+    full = [line for line in lines if len(line.split()) > count]
+    print(f'  before  {full[-1] if full else lines[0]}')
     for line in lines[-NUM_SHOWN:]:
         print(f'  after   {line}')
     plot_scores(result, options.scenario, options.out)

@@ -12,8 +12,7 @@ from rcl_interfaces.srv import DescribeParameters, ListParameters
 from sensor_msgs.msg import JointState
 
 from cmifs_ros.core import ConditionalMISelector, Episode, KDRSelector
-from cmifs_ros.ros import selector_node as selector_module
-from cmifs_ros.ros import simulator_node as simulator_module
+from cmifs_ros.ros import selector_parameters, simulator_node
 from cmifs_ros.ros.transitions import RewardSample
 from cmifs_ros.sim import channel_names, rollout
 
@@ -426,9 +425,16 @@ def test_names_follow_the_namespace(start, robot):
         '/robot1/state', '/robot1/reward', '/robot1/selected_state',
         '/robot1/selected_indices', '/robot1/scores', '/diagnostics',
     }  # fmt: skip
-    robot.until(lambda: expected <= {name for name, _ in robot.node.get_topic_names_and_types()})
     services = {'/robot1/select_features', '/robot1/selector/clear_episodes'}
-    robot.until(lambda: services <= {n for n, _ in robot.node.get_service_names_and_types()})
+
+    def names(pairs):
+        return {name for name, _ in pairs}
+
+    robot.until(lambda: services <= names(robot.node.get_service_names_and_types()))
+    robot.until(lambda: expected <= names(robot.node.get_topic_names_and_types()))
+    statuses = {'robot1/selector: input', 'robot1/selector: selection'}
+    robot.until(lambda: robot.diagnostics)
+    assert statuses == set(robot.diagnostics)
 
 
 @pytest.mark.parametrize(('executable', 'node'), [
@@ -449,8 +455,8 @@ def test_the_parameter_file_names_every_parameter_with_its_default(start, robot,
     path = Path(get_package_share_directory('cmifs_ros'), 'config', 'cmifs_ros.yaml')
     written = yaml.safe_load(path.read_text())[f'/**/{node}']['ros__parameters']
     specs = {
-        'selector': selector_module.PARAMETERS,
-        'simulator': simulator_module.PARAMETERS,
+        'selector': selector_parameters.PARAMETERS,
+        'simulator': simulator_node.PARAMETERS,
     }[node]
     assert written == {spec.name: spec.default for spec in specs}
     assert list(written) == [spec.name for spec in specs]
