@@ -19,7 +19,7 @@ def folds_of(size, count=5):
     return np.arange(size) * count // size
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(
     seed=st.integers(0, 2**32 - 1),
     size=st.integers(7, 18),

@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from cmifs_ros.core.shifted_solve import shifted_solve
@@ -8,7 +8,6 @@ from cmifs_ros.core.shifted_solve import shifted_solve
 SHIFTS = np.logspace(-3, 1, 9)
 
 
-@settings(deadline=None)
 @given(
     size=st.integers(1, 40),
     rank=st.integers(0, 40),
@@ -47,7 +46,6 @@ def test_problems_that_end_early_do_not_disturb_their_neighbours(kind):
     np.testing.assert_allclose(shifted_solve(matrices, rhs, SHIFTS), expected, rtol=1e-8, atol=1e-9)
 
 
-@settings(deadline=None)
 @given(size=st.integers(1, 60), rank=st.integers(0, 60), seed=st.integers(0, 2**32 - 1))
 def test_float32_reaches_its_tolerance(size, rank, seed):
     rng = np.random.default_rng(seed)

@@ -284,7 +284,7 @@ def test_clear_forgets_channels_and_what_is_open_but_not_the_counts():
     assert rewards(feed(assembler, stream([3, 1]))) == [[0, 1, 2], [3]]
 
 
-@settings(deadline=None, max_examples=300)
+@settings(max_examples=300)
 @given(data=st.data())
 def test_every_episode_that_comes_out_was_sent_complete_and_in_order(data):
     lengths = data.draw(st.lists(st.integers(1, 5), min_size=1, max_size=8))

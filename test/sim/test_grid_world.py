@@ -2,7 +2,7 @@ import itertools
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from cmifs_ros.sim import SCENARIOS, GridWorld, preferred_action, rollout, sample_action
@@ -30,7 +30,6 @@ def without_gravel_at(column, row):
     return world
 
 
-@settings(deadline=None)
 @given(
     scenario=st.sampled_from(SCENARIOS),
     seed=st.integers(0, 2**32 - 1),
@@ -51,7 +50,6 @@ def test_rules_hold_whatever_the_robot_does(scenario, seed, actions):
     np.testing.assert_array_equal(-np.diff(battery), cost)
 
 
-@settings(deadline=None)
 @given(
     seed=st.integers(0, 2**32 - 1), actions=st.lists(st.integers(0, 3), min_size=20, max_size=20)
 )
