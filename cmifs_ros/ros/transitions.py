@@ -177,10 +177,12 @@ class EpisodeAssembler:
         if stamp in waiting or (paired is not None and paired.holds(content)):
             self.drop_message('duplicate_stamp', f'a second {what} is stamped {stamp} ns')
             return False
-        if len(self._states) >= MAX_PENDING:
-            self._discard_state(next(iter(self._states)), 'state_without_reward')
-        if len(self._rewards) >= MAX_PENDING:
-            self._discard_reward(next(iter(self._rewards)), 'reward_without_state')
+        if len(waiting) >= MAX_PENDING:
+            oldest = next(iter(waiting))
+            if what == 'state':
+                self._discard_state(oldest, 'state_without_reward')
+            else:
+                self._discard_reward(oldest, 'reward_without_state')
         return True
 
     def _pair(self, stamp: int) -> list[Episode]:

@@ -252,6 +252,18 @@ def test_streams_may_run_ahead_of_each_other():
     assert rewards(episodes) == [[0, 1, 2], [3, 4]]
 
 
+def test_a_stream_may_run_ahead_by_all_that_may_wait():
+    assembler = EpisodeAssembler(100)
+    transitions = stream([4] * (MAX_PENDING // 4))
+    for stamp, state, _ in transitions:
+        assembler.add_state(stamp, NAMES, state)
+    episodes = []
+    for stamp, _, sample in transitions:
+        episodes += assembler.add_reward(stamp, sample)
+    assert len(episodes) == MAX_PENDING // 4
+    assert not assembler.dropped_messages
+
+
 def test_what_waits_is_bounded():
     assembler = EpisodeAssembler(100)
     for stamp in range(MAX_PENDING + 5):
