@@ -1,0 +1,139 @@
+"""The authors' program, ported plainly: the reference for exactness and for speed.
+
+For each subset of channels, step and width it computes the kernels anew, for each fold their
+Gram matrices, and for each regularisation it has LAPACK solve one system (Hachiya & Sugiyama,
+2010, Section 3.2, with the grids of their MATLAB program). It shares with the engine in `core`
+what comes before and after: the samples of each step with their folds and centres, and the
+greedy search.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from cmifs_ros.core import Episode
+from cmifs_ros.core.samples import StepSamples, step_samples
+from cmifs_ros.core.search import Sensor, forward_selection
+
+WIDTHS = np.logspace(-2, 2, 9)
+REGULARIZATIONS = np.logspace(-3, 1, 9)
+NUM_FOLDS = 5
+
+
+def rank_directly(
+    episodes: Sequence[Episode],
+    num_features: int | None = None,
+    *,
+    sensors: Sequence[Sensor] | None = None,
+    gamma: float = 0.95,
+    criterion: str = 'held_out',
+    standardize: bool = True,
+    max_time_bins: int | None = 32,
+    num_centers: int | None = 200,
+    random_state: int = 0,
+) -> tuple[list[int], list[float]]:
+    """Rank sensors by forward selection; the defaults are those of `ConditionalMISelector`.
+
+    Parameters
+    ----------
+    episodes : sequence of Episode
+    num_features : int, optional
+        How many sensors to rank; None ranks all.
+    sensors : sequence of tuple of int, optional
+        The channels of each sensor; by default each channel is one.
+    criterion, gamma, standardize, max_time_bins, num_centers, random_state
+        As of `ConditionalMISelector`.
+
+    Returns
+    -------
+    ranking : list of int
+        Indices of the sensors, best first.
+    scores : list of float
+        The criterion after each addition.
+
+    """
+    steps = step_samples(
+        episodes,
+        gamma=gamma,
+        standardize=standardize,
+        max_time_bins=max_time_bins,
+        num_folds=NUM_FOLDS,
+        num_centers=num_centers,
+        random_state=random_state,
+    )
+    if sensors is None:
+        sensors = [(channel,) for channel in range(episodes[0].num_channels)]
+    return forward_selection(
+        lambda subsets: np.array([conditional_mi(steps, s, criterion) for s in subsets]),
+        sensors,
+        len(sensors) if num_features is None else num_features,
+    )
+
+
+def conditional_mi(steps: Sequence[StepSamples], subset: Sequence[int], criterion: str) -> float:
+    """Return sum_n p(n) I(eta_n; z_n), Equation (9); one episode alone tells of no dependence."""
+    total = sum(len(step.returns) for step in steps)
+    score = 0.0
+    for step in steps:
+        if step.folds.max() > 0:
+            z = step.states[:, list(subset)]
+            information = mutual_information(step.returns, z, step.folds, step.centers, criterion)
+            score += len(step.returns) / total * information
+    return score
+
+
+def mutual_information(
+    returns: np.ndarray, z: np.ndarray, folds: np.ndarray, centers: np.ndarray, criterion: str
+) -> float:
+    """Return the least-squares mutual information of one step.
+
+    Parameters
+    ----------
+    returns : numpy.ndarray, shape (M,)
+    z : numpy.ndarray, shape (M, u)
+    folds : numpy.ndarray of int, shape (M,)
+        The cross-validation fold of each sample.
+    centers : numpy.ndarray of int, shape (B,)
+        Indices of the samples that carry a Gaussian.
+    criterion : {'held_out', 'plug_in'}
+        -2 J - 1 with J the least held-out Equation (7), or Equation (10) where J is least.
+
+    """
+    num_folds = folds.max() + 1
+    identity = np.eye(len(centers))
+    best = (np.inf, 0.0, 0.0)
+    for width in WIDTHS:
+        k_eta = gaussian_kernel(returns[:, None], returns[centers, None], width)
+        k_z = gaussian_kernel(z, z[centers], width)
+        objectives = np.zeros((num_folds, len(REGULARIZATIONS)))
+        for fold in range(num_folds):
+            held_out = folds == fold
+            matrix, h = moments(k_eta[~held_out], k_z[~held_out])
+            held_out_matrix, held_out_h = moments(k_eta[held_out], k_z[held_out])
+            for i, regularization in enumerate(REGULARIZATIONS):
+                alpha = np.linalg.solve(matrix + regularization * identity, h)
+                objectives[fold, i] = 0.5 * alpha @ held_out_matrix @ alpha - held_out_h @ alpha
+        means = objectives.mean(axis=0)
+        best = min(best, (means.min(), width, REGULARIZATIONS[means.argmin()]))
+    objective, width, regularization = best
+    if criterion == 'held_out':
+        return -2.0 * objective - 1.0
+    k_eta = gaussian_kernel(returns[:, None], returns[centers, None], width)
+    k_z = gaussian_kernel(z, z[centers], width)
+    matrix, h = moments(k_eta, k_z)
+    alpha = np.linalg.solve(matrix + regularization * identity, h)
+    independent = k_eta.mean(axis=0) * k_z.mean(axis=0)
+    return alpha @ matrix @ alpha - 2.0 * independent @ alpha + 1.0
+
+
+def gaussian_kernel(samples: np.ndarray, centers: np.ndarray, width: float) -> np.ndarray:
+    """Return exp(-d^2 / 2 sigma^2) between samples (M, u) and centres (B, u): shape (M, B)."""
+    differences = samples[:, None, :] - centers[None, :, :]
+    return np.exp(-np.sum(differences**2, axis=2) / (2 * width**2))
+
+
+def moments(k_eta: np.ndarray, k_z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the matrix H, over all pairs of a return and features, and the vector h."""
+    return (k_eta.T @ k_eta) * (k_z.T @ k_z) / len(k_eta) ** 2, np.mean(k_eta * k_z, axis=0)
