@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from .study import GRAVEL, RELEVANT, Outcome
+from .study import Results, Trial
+from .tables import markdown_table
+from .tasks import TASKS
 
 NUM_FEATURES = 14
+#: The feature of Figure 7, s(4), which senses gravel.
+GRAVEL = 3
+#: What each figure shows.
 SCENARIOS = {'6a': 'without_gravel', '6b': 'with_gravel', '7': 'with_gravel'}
+#: The paper's rival, its method, and the default of this package, in the order of the figures.
 LABELS = {
     'kdr': 'KDR-based',
     'paper': "proposed, as in the paper ('paper')",
@@ -21,37 +27,30 @@ COLORS = {'kdr': 'tab:orange', 'paper': 'tab:blue', 'default': 'tab:green'}
 MARKERS = {'kdr': 's', 'paper': 'o', 'default': '^'}
 
 
-class Results:
-    """The outcomes of a study, sorted by what the figures show.
+def plan(
+    figures: Sequence[str], methods: Sequence[str], episodes: Sequence[int], trials: int, seed: int
+) -> list[Trial]:
+    """Return the trials that some figures need, each once.
 
-    Nothing here depends on the order in which the trials finished.
+    Figure 7 shows the greatest number of episodes. Repetition i has the seed `seed` + i. The
+    repetitions follow each other, so that a study under way tells how long the rest takes.
     """
+    wanted = {'without_gravel': set(), 'with_gravel': set()}
+    for figure in figures:
+        wanted[SCENARIOS[figure]] |= {max(episodes)} if figure == '7' else set(episodes)
+    return [
+        Trial(scenario, method, count, number, seed + number)
+        for number in range(trials)
+        for scenario, counts in wanted.items()
+        for count in sorted(counts)
+        for method in methods
+    ]
 
-    def __init__(self, outcomes: Iterable[Outcome]):
-        self._outcomes = sorted(outcomes)
-        present = {outcome.trial.method for outcome in self._outcomes}
-        #: The methods there are, in the order of the figures.
-        self.methods = [method for method in LABELS if method in present]
 
-    def episodes(self, scenario: str) -> list[int]:
-        """Return the numbers of episodes there are trials of."""
-        return sorted({o.trial.episodes for o in self._outcomes if o.trial.scenario == scenario})
-
-    def of(self, scenario: str, method: str, episodes: int) -> list[Outcome]:
-        """Return the trials of one point of a figure."""
-        return [o for o in self._outcomes if o.trial[:3] == (scenario, method, episodes)]
-
-    def rank_sum(self, scenario: str, method: str, episodes: int) -> tuple[float, float]:
-        """Return mean and standard error of the rank sum; one trial has an error of 0."""
-        sums = np.array([o.rank_sum for o in self.of(scenario, method, episodes)], dtype=float)
-        if len(sums) == 1:
-            return sums[0], 0.0
-        return sums.mean(), sums.std(ddof=1) / np.sqrt(len(sums))
-
-    def gravel_histogram(self, method: str, episodes: int) -> np.ndarray:
-        """Return how often s(4) has rank 1, 2, ..., 14 with gravel: shape (14,)."""
-        ranks = [o.rank(GRAVEL) for o in self.of('with_gravel', method, episodes)]
-        return np.bincount(ranks, minlength=NUM_FEATURES + 1)[1:]
+def gravel_histogram(results: Results, method: str, episodes: int) -> np.ndarray:
+    """Return how often s(4) has rank 1, 2, ..., 14 with gravel: shape (14,)."""
+    ranks = [o.rank(GRAVEL) for o in results.of('with_gravel', method, episodes)]
+    return np.bincount(ranks, minlength=NUM_FEATURES + 1)[1:]
 
 
 def save_figures(results: Results, figures: Sequence[str], folder: Path) -> list[Path]:
@@ -69,7 +68,7 @@ def _rank_sums(results: Results, scenario: str) -> Figure:
     figure = Figure(figsize=(5, 4), layout='constrained')
     axes = figure.subplots()
     episodes = results.episodes(scenario)
-    for method in results.methods:
+    for method in _methods(results):
         means, errors = zip(*(results.rank_sum(scenario, method, m) for m in episodes), strict=True)
         axes.errorbar(
             episodes,
@@ -80,7 +79,7 @@ def _rank_sums(results: Results, scenario: str) -> Figure:
             capsize=3,
             label=LABELS[method],
         )
-    axes.axhline(_optimum(scenario), color='gray', linestyle=':', label='optimum')
+    axes.axhline(TASKS[scenario].optimum, color='gray', linestyle=':', label='optimum')
     axes.set_xlabel('number of episodes')
     axes.set_ylabel('sum of ranks of the relevant features')
     axes.set_title(scenario.replace('_', ' '))
@@ -89,12 +88,13 @@ def _rank_sums(results: Results, scenario: str) -> Figure:
 
 
 def _histograms(results: Results) -> Figure:
-    figure = Figure(figsize=(4 * len(results.methods), 3.4), layout='constrained')
-    panels = figure.subplots(1, len(results.methods), sharey=True, squeeze=False)[0]
+    methods = _methods(results)
+    figure = Figure(figsize=(4 * len(methods), 3.4), layout='constrained')
+    panels = figure.subplots(1, len(methods), sharey=True, squeeze=False)[0]
     episodes = results.episodes('with_gravel')[-1]
     ranks = np.arange(1, NUM_FEATURES + 1)
-    for axes, method in zip(panels, results.methods, strict=True):
-        axes.bar(ranks, results.gravel_histogram(method, episodes), color=COLORS[method])
+    for axes, method in zip(panels, methods, strict=True):
+        axes.bar(ranks, gravel_histogram(results, method, episodes), color=COLORS[method])
         axes.set_xticks(ranks)
         axes.set_xlabel(f'rank of s(4), {episodes} episodes')
         axes.set_title(LABELS[method])
@@ -110,46 +110,37 @@ def markdown(results: Results, figures: Sequence[str]) -> str:
     )
 
 
+def _methods(results: Results) -> list[str]:
+    return [method for method in LABELS if method in results.methods]
+
+
 def _rank_sum_table(results: Results, figure: str) -> str:
-    scenario = SCENARIOS[figure]
-    lines = [
-        f'## Figure {figure}: rank sum of the relevant features, {scenario.replace("_", " ")}',
-        '',
-        f'Mean and standard error; the optimum is {_optimum(scenario)}.',
-        '',
-        *_head('episodes', 'trials', *(LABELS[method] for method in results.methods)),
+    scenario, methods = SCENARIOS[figure], _methods(results)
+    rows = [
+        (
+            episodes,
+            len(results.of(scenario, methods[0], episodes)),
+            *('{:.2f} ± {:.2f}'.format(*results.rank_sum(scenario, m, episodes)) for m in methods),
+        )
+        for episodes in results.episodes(scenario)
     ]
-    for episodes in results.episodes(scenario):
-        cells = [
-            '{:.2f} ± {:.2f}'.format(*results.rank_sum(scenario, method, episodes))
-            for method in results.methods
-        ]
-        trials = len(results.of(scenario, results.methods[0], episodes))
-        lines.append(_row(episodes, trials, *cells))
-    return '\n'.join(lines) + '\n'
+    return (
+        f'## Figure {figure}: rank sum of the relevant features, {scenario.replace("_", " ")}\n\n'
+        f'Mean and standard error; the optimum is {TASKS[scenario].optimum}.\n\n'
+        + markdown_table(('episodes', 'trials', *(LABELS[m] for m in methods)), rows)
+    )
 
 
 def _histogram_table(results: Results) -> str:
     episodes = results.episodes('with_gravel')[-1]
-    lines = [
-        f'## Figure 7: rank of s(4) with gravel at {episodes} episodes, number of trials',
-        '',
-        *_head('method', *range(1, NUM_FEATURES + 1), 'within 2 to 5', '8 or worse'),
-    ]
-    for method in results.methods:
-        counts = results.gravel_histogram(method, episodes)
+    rows = []
+    for method in _methods(results):
+        counts = gravel_histogram(results, method, episodes)
         shares = (counts[1:5].sum() / counts.sum(), counts[7:].sum() / counts.sum())
-        lines.append(_row(LABELS[method], *counts, *(f'{share:.0%}' for share in shares)))
-    return '\n'.join(lines) + '\n'
-
-
-def _head(*cells) -> list[str]:
-    return [_row(*cells), _row(*('---' for _ in cells))]
-
-
-def _row(*cells) -> str:
-    return f'| {" | ".join(map(str, cells))} |'
-
-
-def _optimum(scenario: str) -> int:
-    return sum(range(1, len(RELEVANT[scenario]) + 1))
+        rows.append((LABELS[method], *counts, *(f'{share:.0%}' for share in shares)))
+    return (
+        f'## Figure 7: rank of s(4) with gravel at {episodes} episodes, number of trials\n\n'
+        + markdown_table(
+            ('method', *range(1, NUM_FEATURES + 1), 'within 2 to 5', '8 or worse'), rows
+        )
+    )

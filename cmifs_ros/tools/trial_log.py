@@ -5,7 +5,8 @@ from __future__ import annotations
 import csv
 from pathlib import Path
 
-from .study import FIGURES, Outcome, Trial
+from .paper_figures import SCENARIOS
+from .study import Outcome, Trial
 
 COLUMNS = ('figure', 'scenario', 'method', 'episodes', 'trial', 'seed', 'ranking', 'seconds')
 
@@ -13,14 +14,14 @@ COLUMNS = ('figure', 'scenario', 'method', 'episodes', 'trial', 'seed', 'ranking
 class TrialLog:
     """Read the trials that a file holds, and add to it, each at once.
 
-    The column `figure` names all figures that show the trials of the scenario, `ranking` holds
-    indices from 0; both are separated by blanks. A last line without its end, as a process that
-    was killed leaves it, is dropped.
+    The column `figure` names all figures of the paper that show the trials of the scenario,
+    `ranking` holds indices from 0; both are separated by blanks. A last line without its end,
+    as a process that was killed leaves it, is dropped.
 
     Parameters
     ----------
-    path : pathlib.Path
-        Made if it does not exist.
+    path : pathlib.Path, optional
+        Made if it does not exist; without it nothing is kept.
 
     Attributes
     ----------
@@ -33,9 +34,11 @@ class TrialLog:
 
     """
 
-    def __init__(self, path: Path):
+    def __init__(self, path: Path | None):
         self._path = path
         self.outcomes: dict[Trial, Outcome] = {}
+        if path is None:
+            return
         content = path.read_bytes() if path.exists() else b''
         complete = content[: content.rfind(b'\n') + 1]
         if complete != content:
@@ -58,7 +61,11 @@ class TrialLog:
     def add(self, outcome: Outcome) -> None:
         """Write one finished trial."""
         self.outcomes[outcome.trial] = outcome
-        figures = ' '.join(FIGURES[outcome.trial.scenario])
+        if self._path is None:
+            return
+        figures = ' '.join(
+            name for name, task in SCENARIOS.items() if task == outcome.trial.scenario
+        )
         ranking = ' '.join(map(str, outcome.ranking))
         self._write((figures, *outcome.trial, ranking, f'{outcome.seconds:.3f}'))
 

@@ -1,0 +1,93 @@
+"""Runs many trials side by side, on this machine or on a Dask cluster."""
+
+from __future__ import annotations
+
+import signal
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import closing, contextmanager
+
+import joblib
+from tqdm import tqdm
+
+from .program import StudyError
+from .study import Outcome, Results, Trial, run_trial
+from .trial_log import TrialLog
+
+#: Ubuntu 24.04's joblib 1.3 gives results in order only: a row then waits for those before it.
+IS_OLD_JOBLIB = tuple(map(int, joblib.__version__.split('.')[:2])) < (1, 4)
+
+
+@contextmanager
+def backend(scheduler: str | None) -> Iterator[None]:
+    """Have joblib work on this machine, or on the cluster of a Dask scheduler."""
+    if scheduler is None:
+        # More threads than processes would only get into each other's way.
+        with joblib.parallel_config(backend='loky', inner_max_num_threads=1):
+            yield
+        return
+    try:
+        from distributed import Client
+    except ImportError as error:
+        raise StudyError(
+            '--scheduler needs the package distributed, here and on the cluster: '
+            'python3 -m pip install distributed'
+        ) from error
+    if IS_OLD_JOBLIB:
+        raise StudyError(f'--scheduler needs joblib 1.4 or newer; this is {joblib.__version__}')
+    try:
+        client = Client(scheduler, timeout=10)
+    except (OSError, ValueError) as error:
+        raise StudyError(f'no Dask scheduler answers at {scheduler}: {error}') from error
+    with client, joblib.parallel_config(backend='dask'):
+        yield
+
+
+def run_trials(trials: Sequence[Trial], jobs: int | None) -> Iterator[Outcome]:
+    """Return an iterator over the outcomes in the order in which they are ready."""
+    parallel = joblib.Parallel(
+        n_jobs=jobs or -1,
+        batch_size=1,
+        return_as='generator' if IS_OLD_JOBLIB else 'generator_unordered',
+    )
+    # A terminal's Ctrl-C reaches the workers too; they inherit that they ignore it.
+    handler = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        return parallel(joblib.delayed(run_trial)(trial) for trial in trials)
+    finally:
+        signal.signal(signal.SIGINT, handler)
+
+
+def finish(
+    trials: Sequence[Trial], log: TrialLog, jobs: int | None = None, scheduler: str | None = None
+) -> Results:
+    """Run the trials that the log lacks, with a progress bar, and return all of them.
+
+    Parameters
+    ----------
+    trials : sequence of Trial
+    log : TrialLog
+        Gets each trial as soon as it is ready.
+    jobs : int, optional
+        Processes; None takes one a core.
+    scheduler : str, optional
+        Address of the Dask scheduler whose cluster runs them.
+
+    Raises
+    ------
+    StudyError
+        If the cluster cannot be used.
+
+    """
+    missing = [trial for trial in trials if trial not in log.outcomes]
+    if missing:
+        done = len(trials) - len(missing)
+        with (
+            backend(scheduler),
+            closing(run_trials(missing, jobs)) as outcomes,
+            tqdm(total=len(trials), initial=done, file=sys.stdout, disable=None) as bar,
+        ):
+            for outcome in outcomes:
+                log.add(outcome)
+                bar.update()
+    return Results(log.outcomes[trial] for trial in trials)

@@ -1,0 +1,119 @@
+"""The tasks on which methods are compared, by name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from importlib.util import find_spec
+from typing import NamedTuple
+
+import numpy as np
+
+from cmifs_ros.core import Episode
+from cmifs_ros.sim import channel_names, rollout, rollout_chain
+from cmifs_ros.sim.chain import CHANNEL_NAMES as CHAIN_NAMES
+from cmifs_ros.sim.grid_world import MAX_EPISODE_STEPS, NUM_CHANNELS
+
+from .distractors import distractor_names, with_distractors
+from .environments import ENVIRONMENTS, rollout_environment
+
+
+class Task(NamedTuple):
+    """A task and the truth about it.
+
+    Attributes
+    ----------
+    rollout : callable
+        (number of episodes, seed) -> list of Episode; those of a smaller number are the first
+        ones of a larger one.
+    channel_names : tuple of str
+    relevant : tuple of int
+        The channels that should rank first.
+    target : tuple of int
+        The channels that the reward depends on directly; KDR is told them.
+
+    """
+
+    rollout: Callable[[int, int], list[Episode]]
+    channel_names: tuple[str, ...]
+    relevant: tuple[int, ...]
+    target: tuple[int, ...]
+
+    @property
+    def optimum(self) -> int:
+        """The least rank sum of the relevant channels."""
+        return sum(range(1, len(self.relevant) + 1))
+
+    @property
+    def chance(self) -> float:
+        """The rank sum to expect of a random order."""
+        return len(self.relevant) * (len(self.channel_names) + 1) / 2
+
+
+def rollout_among_distractors(
+    rollout_task: Callable[[int, int], list[Episode]], num_episodes: int, seed: int
+) -> list[Episode]:
+    """Return episodes of a task with the channels of `distractors` appended."""
+    own, other, rest = (int(s) for s in np.random.SeedSequence(seed).generate_state(3))
+    return with_distractors(
+        rollout_task(num_episodes, own), rollout_task(num_episodes, other), rest
+    )
+
+
+def rollout_scaled(
+    scenario: str,
+    num_episodes: int,
+    seed: int,
+    *,
+    num_steps: int = MAX_EPISODE_STEPS,
+    num_channels: int = NUM_CHANNELS,
+) -> list[Episode]:
+    """Return episodes of the grid world in another size.
+
+    A longer episode is several of 20 steps, one after the other, as if the robot was carried
+    back to the start each time. Channels beyond 14 are noise, rounded down like that of the
+    world; with fewer the last ones are left out.
+    """
+    rounds = -(-num_steps // MAX_EPISODE_STEPS)
+    parts = rollout(scenario, num_episodes * rounds, seed)
+    episodes = []
+    for i in range(num_episodes):
+        joined = parts[i * rounds : (i + 1) * rounds]
+        states = np.concatenate([part.states for part in joined])[:num_steps, :num_channels]
+        rewards = np.concatenate([part.rewards for part in joined])[:num_steps]
+        shape = (num_steps, max(0, num_channels - NUM_CHANNELS))
+        noise = np.floor(np.random.default_rng([seed, i]).normal(size=shape))
+        episodes.append(Episode(np.hstack([states, noise]), rewards))
+    return episodes
+
+
+def what_is_missing(task: str) -> str | None:
+    """Return how to install the package that a task needs and that is not here, or None."""
+    if task in ENVIRONMENTS and find_spec('gymnasium') is None:
+        return 'not installed: python3 -m pip install gymnasium'
+    return None
+
+
+#: In the scenarios the reward depends on s(1) directly, as the paper tells its rival.
+TASKS = {
+    'without_gravel': Task(
+        partial(rollout, 'without_gravel'), channel_names('without_gravel'), (0, 1), (0,)
+    ),
+    'with_gravel': Task(
+        partial(rollout, 'with_gravel'), channel_names('with_gravel'), (0, 1, 2, 3), (0,)
+    ),
+    'chain': Task(
+        partial(rollout_among_distractors, rollout_chain),
+        CHAIN_NAMES + distractor_names(CHAIN_NAMES),
+        (0, 1, 2),
+        (0,),
+    ),
+} | {
+    name: Task(
+        partial(rollout_among_distractors, partial(rollout_environment, name)),
+        environment.channel_names + distractor_names(environment.channel_names),
+        environment.relevant,
+        environment.target,
+    )
+    for name, environment in ENVIRONMENTS.items()
+}
