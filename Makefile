@@ -4,17 +4,21 @@
 SHELL := /bin/bash
 SCENARIO ?= without_gravel
 PAPER ?=
+BENCHMARK ?=
+GROWTH ?=
+ACCURACY ?=
 unexport PYTHONDONTWRITEBYTECODE
 # Nothing leaves this machine.
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 
 ifdef ROS_DISTRO
 VENV := .venv-ros
-GROUPS := build run test lint
+# No peers: ennemi brings NumPy 2 along, with which Ubuntu's compiled packages do not go.
+GROUPS := build run test tasks lint
 PYTHON ?= python3
 else
 VENV := .venv
-GROUPS := ros build run test lint
+GROUPS := ros build run test tasks peers lint
 # The first of these that runs and is supported; ROS 2 Jazzy's own Python comes first.
 PYTHON ?= $(shell for p in python3.12 "$$(pyenv prefix 3.12 2>/dev/null)/bin/python3.12" \
 	python3.13 python3.11 python3.10 python3; do \
@@ -26,13 +30,16 @@ ENTER := . $(VENV)/bin/activate && { [ ! -f install/setup.bash ] || . install/se
 # In the environment's own Python: a colcon outside of it would build for another one.
 COLCON := python -c 'import sys; from colcon_core.command import main; sys.exit(main())'
 
-.PHONY: help demo test paper lint build clean
+.PHONY: help demo test paper benchmark growth accuracy lint build clean
 
 help:
 	@echo 'make demo [SCENARIO=with_gravel]  see it at work: simulator, selector, downstream node'
 	@echo 'make test                         lint, build, and run the whole test suite'
 	@echo "make paper [PAPER='--trials 6']    recompute the paper's figures into reproduction/"
-	@echo 'make clean                        remove everything that these made but reproduction/'
+	@echo "make benchmark [BENCHMARK='--trials 3']  time and rank sum: direct port, engine, KDR, peers"
+	@echo "make growth [GROWTH='steps']       time and memory over episodes, steps, channels: growth/"
+	@echo "make accuracy [ACCURACY='--trials 6']  rank sums on many tasks from few episodes"
+	@echo 'make clean                        remove everything that these made but reproduction/ and growth/'
 
 demo: build
 	@$(ENTER) && exec install/cmifs_ros/lib/cmifs_ros/demo --scenario $(SCENARIO)
@@ -45,6 +52,15 @@ test: lint build .venv-oldest/ready
 
 paper: build
 	@$(ENTER) && exec install/cmifs_ros/lib/cmifs_ros/reproduce_paper $(PAPER)
+
+benchmark: build
+	@$(ENTER) && exec install/cmifs_ros/lib/cmifs_ros/benchmark $(BENCHMARK)
+
+growth: build
+	@$(ENTER) && exec install/cmifs_ros/lib/cmifs_ros/benchmark_growth $(GROWTH)
+
+accuracy: build
+	@$(ENTER) && exec install/cmifs_ros/lib/cmifs_ros/accuracy $(ACCURACY)
 
 lint: $(VENV)/ready
 	$(VENV)/bin/ruff check . && $(VENV)/bin/ruff format --check .

@@ -25,6 +25,8 @@ setup(
     ],
     extras_require={
         'cluster': ['distributed', 'joblib>=1.4'],
+        'peers': ['ennemi', 'scikit-learn'],
+        'tasks': ['gymnasium>=1.0'],
         'test': ['pytest', 'hypothesis', 'pyyaml'],
     },
     zip_safe=True,
@@ -34,6 +36,9 @@ setup(
     license='Apache-2.0',
     entry_points={
         'console_scripts': [
+            'accuracy = cmifs_ros.tools.accuracy:main',
+            'benchmark = cmifs_ros.tools.benchmark:main',
+            'benchmark_growth = cmifs_ros.tools.benchmark_growth:main',
             'demo = cmifs_ros.tools.demo:main',
             'reproduce_paper = cmifs_ros.tools.reproduce_paper:main',
             'selector_node = cmifs_ros.ros.run_node:selector_node',

@@ -19,8 +19,14 @@ KEYS = {
     'scipy': 'python3-scipy',
     'tqdm': 'python3-tqdm',
 }
-#: Imports that the package does without until they are asked for, and the extra that brings them.
-OPTIONAL = {'distributed': 'cluster'}
+#: Imports that the package does without until they are asked for: the extra that brings each, and
+#: what pip calls it.
+OPTIONAL = {
+    'distributed': ('cluster', 'distributed'),
+    'ennemi': ('peers', 'ennemi'),
+    'gymnasium': ('tasks', 'gymnasium'),
+    'sklearn': ('peers', 'scikit-learn'),
+}
 
 
 def imported():
@@ -38,9 +44,9 @@ def test_every_import_is_a_declared_dependency():
 def test_optional_imports_are_extras_and_stand_inside_functions():
     setup = (ROOT / 'setup.py').read_text()
     code = '\n'.join(path.read_text() for path in (ROOT / 'cmifs_ros').rglob('*.py'))
-    for name, extra in OPTIONAL.items():
-        assert re.search(rf"'{extra}': \['{name}'", setup)
-        assert re.search(rf'^ +from {name} import', code, re.M)
+    for name, (extra, package) in OPTIONAL.items():
+        assert re.search(rf"'{extra}': \[.*'{package}\b", setup)
+        assert re.search(rf'^ +from {name}[.\w]* import', code, re.M)
         assert not re.search(rf'^(from|import) {name}\b', code, re.M)
 
 
@@ -89,6 +95,9 @@ def test_installed_data_files_are_where_ros_looks_for_them():
         'share/cmifs_ros/package.xml',
         'share/cmifs_ros/config/cmifs_ros.yaml',
         'share/cmifs_ros/launch/cmifs_ros.launch.xml',
+        'lib/cmifs_ros/accuracy',
+        'lib/cmifs_ros/benchmark',
+        'lib/cmifs_ros/benchmark_growth',
         'lib/cmifs_ros/demo',
         'lib/cmifs_ros/reproduce_paper',
         'lib/cmifs_ros/selector_node',

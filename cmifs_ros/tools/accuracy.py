@@ -1,0 +1,126 @@
+"""How few episodes are enough: rank sums of the relevant channels on many tasks, by method.
+
+The tasks are the grid world of the paper in both scenarios, its chain, and environments of
+Gymnasium; but for the grid world, which brings its own, distractor channels are appended.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from . import methods, tasks
+from .arguments import names_among, number_from, numbers_from
+from .methods import METHODS
+from .parallel_trials import finish
+from .program import StudyError, exit_code
+from .study import Results, Trial
+from .tables import markdown_table
+from .tasks import TASKS
+from .trial_log import TrialLog
+
+#: In the order of the table. The direct port would give what the default gives.
+COLUMNS = ('default', 'paper', 'kdr', 'ennemi', 'sklearn')
+
+
+def available(names: Sequence[str], what_is_missing) -> list[str]:
+    """Return the names that can be used here; say of the others what they need."""
+    missing = {name: what_is_missing(name) for name in names}
+    for name, hint in missing.items():
+        if hint:
+            print(f'{name}: {hint}')
+    return [name for name in names if missing[name] is None]
+
+
+def table(results: Results, wanted: Sequence[Trial]) -> str:
+    """Return the table; a row is a task with a number of episodes, a column a method."""
+    columns = [method for method in COLUMNS if method in results.methods]
+    rows = []
+    for scenario, episodes in dict.fromkeys((t.scenario, t.episodes) for t in wanted):
+        cells = (
+            '{:.2f} ± {:.2f}'.format(*results.rank_sum(scenario, method, episodes))
+            for method in columns
+        )
+        task = TASKS[scenario]
+        rows.append((scenario, episodes, task.optimum, f'{task.chance:g}', *cells))
+    head = ('task', 'episodes', 'optimum', 'by chance', *(METHODS[m] for m in columns))
+    return markdown_table(head, rows)
+
+
+def run(options: argparse.Namespace) -> None:
+    """Run the trials, then print the table."""
+    try:
+        log = TrialLog(options.log)
+    except (OSError, ValueError) as error:
+        raise StudyError(str(error)) from error
+    chosen_methods = available(options.methods, methods.what_is_missing)
+    chosen_tasks = available(options.tasks, tasks.what_is_missing)
+    wanted = [
+        Trial(task, method, episodes, number, options.first_seed + number)
+        for task in chosen_tasks
+        for episodes in options.episodes
+        for number in range(options.trials)
+        for method in chosen_methods
+    ]
+    if not wanted:
+        raise StudyError('nothing of what was asked for is installed')
+    results = finish(wanted, log, options.jobs)
+    seeds = f'{options.first_seed} to {options.first_seed + options.trials - 1}'
+    print(f'\nMean and standard error of {options.trials} trials, seeds {seeds}.\n')
+    print(table(results, wanted), end='')
+
+
+def parse(arguments: list[str] | None) -> argparse.Namespace:
+    """Return the options; a bad one ends the program with a sentence."""
+    parser = argparse.ArgumentParser(
+        prog='accuracy', description=' '.join(__doc__.split()), allow_abbrev=False
+    )
+    parser.add_argument(
+        '--tasks',
+        type=names_among(TASKS),
+        default=','.join(TASKS),
+        metavar='NAME,...',
+        help='default %(default)s',
+    )
+    parser.add_argument(
+        '--methods',
+        type=names_among(COLUMNS),
+        default=','.join(COLUMNS),
+        metavar='NAME,...',
+        help='default %(default)s',
+    )
+    parser.add_argument(
+        '--episodes',
+        type=numbers_from(2),
+        default='20,40,100',
+        metavar='M,M,...',
+        help='default %(default)s',
+    )
+    parser.add_argument('--trials', type=number_from(1), default=50, help='default 50')
+    parser.add_argument(
+        '--first-seed',
+        type=number_from(0),
+        default=1000,
+        help='trial i has the seed FIRST_SEED + i (default 1000)',
+    )
+    parser.add_argument('--jobs', type=number_from(1), help='processes (default: one a core)')
+    parser.add_argument(
+        '--log',
+        type=Path,
+        metavar='FILE',
+        help='CSV file of the trials; those that it holds are not run again',
+    )
+    return parser.parse_args(arguments)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the study; return the exit code."""
+    options = parse(arguments)
+    kept = 'the same command continues where it stopped' if options.log else 'nothing is kept'
+    return exit_code('accuracy', lambda: run(options), kept)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,258 @@
+"""How long a ranking takes and how good it is: direct port, our engine, KDR and the peers.
+
+All methods get the same data of the grid world and take turns, so that what else the machine
+does meets all of them; each measurement is a process of its own.
+"""
+
+from __future__ import annotations
+
+import argparse
+import datetime
+import json
+import platform
+import sys
+from collections.abc import Iterable
+from pathlib import Path
+from typing import NamedTuple
+
+import joblib
+import numpy as np
+import scipy
+from tqdm import tqdm
+
+from cmifs_ros.sim import SCENARIOS
+from cmifs_ros.sim.grid_world import MAX_EPISODE_STEPS, NUM_CHANNELS
+
+from .arguments import names_among, number_from, numbers_from
+from .measurement import Job, Measurement, measure
+from .methods import METHODS, mean_and_error, rank_sum, what_is_missing
+from .program import exit_code
+from .tables import markdown_table
+from .tasks import TASKS
+
+#: In the order of the table; the first is the measure of all others.
+TABLE = ('direct_port', 'default', 'paper', 'kdr', 'ennemi', 'sklearn')
+#: Those that may be faster with all threads, or with one, whatever they leave to their libraries.
+CALIBRATED = ('direct_port', 'kdr', 'ennemi')
+
+
+class Row(NamedTuple):
+    """One line of the table: a method with a number of threads, and what was measured of it."""
+
+    method: str
+    threads: int | None
+    measurements: list[Measurement]
+
+    @property
+    def label(self) -> str:
+        """What the table calls it."""
+        return METHODS[self.method]
+
+    @property
+    def seconds(self) -> float:
+        """Median of the trials."""
+        return float(np.median([m.seconds for m in self.measurements]))
+
+    @property
+    def peak_bytes(self) -> int:
+        """Greatest of the trials."""
+        return max(m.peak_bytes for m in self.measurements)
+
+
+def job_of(options: argparse.Namespace, method: str, threads: int, **changes) -> Job:
+    """Return the job of a row; `changes` are other values of its attributes."""
+    job = Job(
+        method=method,
+        threads=threads,
+        # Our engine brings its own threads; the others leave them to the linear algebra.
+        blas_threads=threads if method in CALIBRATED else 1,
+        scenario=options.scenario,
+        episodes=options.episodes,
+        steps=options.steps,
+        channels=options.channels,
+        seed=options.seed,
+        top=options.top,
+    )
+    return job._replace(**changes)
+
+
+def best_threads(options: argparse.Namespace, method: str) -> int:
+    """Return with how many threads, 1 or one a core, a method ranks the first channel faster."""
+    counts = sorted({1, joblib.cpu_count()})
+    if method not in CALIBRATED or len(counts) == 1:
+        return 1
+    return min(counts, key=lambda n: measure(job_of(options, method, n, top=1)).seconds)
+
+
+def rows_of(options: argparse.Namespace) -> list[Row]:
+    """Return the rows to measure; our engine has one for each number of threads."""
+    rows = []
+    for method in options.methods:
+        if what_is_missing(method):
+            rows.append(Row(method, None, []))
+        elif method in ('default', 'paper'):
+            rows += [Row(method, threads, []) for threads in options.jobs]
+        else:
+            rows.append(Row(method, best_threads(options, method), []))
+    return rows
+
+
+def run_trials(options: argparse.Namespace, rows: Iterable[Row]) -> None:
+    """Measure each row once a trial, in turns."""
+    present = [row for row in rows if row.threads]
+    with tqdm(total=options.trials * len(present), file=sys.stderr, disable=None) as bar:
+        for seed in range(options.seed, options.seed + options.trials):
+            for row in present:
+                job = job_of(options, row.method, row.threads, seed=seed)
+                row.measurements.append(measure(job))
+                bar.update()
+
+
+def summary(options: argparse.Namespace, rows: list[Row]) -> list[dict]:
+    """Return what the table and `--json` show of each row, JSON's types only."""
+    relevant = TASKS[options.scenario].relevant
+    port = next((r for r in rows if r.method == 'direct_port'), None)
+    found = []
+    for row in rows:
+        entry = {'method': row.method, 'label': row.label, 'threads': row.threads}
+        if row.threads is None:
+            found.append(entry | {'missing': what_is_missing(row.method)})
+            continue
+        sums = [rank_sum(m.ranking, relevant, options.channels) for m in row.measurements]
+        mean, error = mean_and_error(sums)
+        entry |= {
+            'seconds': row.seconds,
+            'seconds_of_trials': [m.seconds for m in row.measurements],
+            'times_faster_than_direct_port': port and port.seconds / row.seconds,
+            'rank_sum': mean,
+            'rank_sum_error': error,
+            'rank_sums': sums,
+            'peak_bytes': row.peak_bytes,
+        }
+        if port and row.method == 'default':
+            pairs = list(zip(row.measurements, port.measurements, strict=True))
+            entry['same_rankings_as_direct_port'] = sum(a.ranking == b.ranking for a, b in pairs)
+            entry['greatest_difference_of_scores'] = max(
+                float(np.abs(np.subtract(a.scores, b.scores)).max()) for a, b in pairs
+            )
+        found.append(entry)
+    return found
+
+
+def table(options: argparse.Namespace, entries: list[dict]) -> str:
+    """Return the table, and below it how our engine's results compare with the port's."""
+    head = ('method', 'threads', 'seconds', 'times faster', 'rank sum', 'peak memory')
+    lines, notes = [], []
+    for entry in entries:
+        if 'missing' in entry:
+            lines.append((entry['label'], '', entry['missing'], '', '', ''))
+            continue
+        ratio = entry['times_faster_than_direct_port']
+        lines.append(
+            (
+                entry['label'],
+                entry['threads'],
+                f'{entry["seconds"]:.3g}',
+                '' if ratio is None else f'{ratio:.3g}',
+                f'{entry["rank_sum"]:.1f} ± {entry["rank_sum_error"]:.1f}',
+                f'{entry["peak_bytes"] / 1e6:.0f} MB',
+            )
+        )
+        if 'same_rankings_as_direct_port' in entry:
+            notes.append(
+                f'{entry["label"]}, {entry["threads"]} threads: the ranking of the direct port in '
+                f'{entry["same_rankings_as_direct_port"]} of {options.trials} trials, '
+                f'scores within {entry["greatest_difference_of_scores"]:.1g}\n'
+            )
+    return markdown_table(head, lines) + ''.join(['\n', *notes] if notes else [])
+
+
+def machine() -> dict[str, str]:
+    """Return the day, and what a time depends on besides the code."""
+    cpu = platform.processor()
+    if Path('/proc/cpuinfo').exists():
+        lines = Path('/proc/cpuinfo').read_text().splitlines()
+        names = [line.split(':', 1)[1].strip() for line in lines if line.startswith('model name')]
+        cpu = names[0] if names else cpu
+    return {
+        'date': datetime.date.today().isoformat(),
+        'machine': f'{joblib.cpu_count()} cores of {cpu}',
+        'Python': platform.python_version(),
+        'NumPy': np.__version__,
+        'SciPy': scipy.__version__,
+    }
+
+
+def run(options: argparse.Namespace) -> None:
+    """Measure, then print."""
+    rows = rows_of(options)
+    run_trials(options, rows)
+    entries = summary(options, rows)
+    data = {
+        name: getattr(options, name)
+        for name in ('scenario', 'episodes', 'steps', 'channels', 'top', 'seed', 'trials')
+    }
+    if options.json:
+        print(json.dumps({**machine(), 'data': data, 'rows': entries}, indent=2))
+        return
+    print(', '.join(f'{name} {value}' for name, value in machine().items()))
+    print(', '.join(f'{name} {value}' for name, value in data.items() if value is not None))
+    print(f'\nThe optimum of the rank sum is {TASKS[options.scenario].optimum}.\n')
+    print(table(options, entries), end='')
+
+
+def parse(arguments: list[str] | None) -> argparse.Namespace:
+    """Return the options; a bad one ends the program with a sentence."""
+    parser = argparse.ArgumentParser(
+        prog='benchmark', description=' '.join(__doc__.split()), allow_abbrev=False
+    )
+    parser.add_argument('--scenario', choices=SCENARIOS, default='with_gravel')
+    parser.add_argument('--episodes', type=number_from(2), default=100, help='default 100')
+    parser.add_argument(
+        '--steps',
+        type=number_from(2),
+        default=MAX_EPISODE_STEPS,
+        help='of an episode; more than 20 are several rounds (default %(default)s)',
+    )
+    parser.add_argument(
+        '--channels',
+        type=number_from(4),
+        default=NUM_CHANNELS,
+        help='more are more noise (default %(default)s)',
+    )
+    parser.add_argument(
+        '--top', type=number_from(1), help='rank only so many channels (default: all)'
+    )
+    parser.add_argument(
+        '--seed', type=number_from(0), default=0, help='trial i has the seed SEED + i (default 0)'
+    )
+    parser.add_argument('--trials', type=number_from(1), default=5, help='default 5')
+    parser.add_argument(
+        '--methods',
+        type=names_among(TABLE),
+        default='direct_port,default,kdr,ennemi,sklearn',
+        metavar='NAME,...',
+        help=f'some of {",".join(TABLE)} (default: all but paper)',
+    )
+    parser.add_argument(
+        '--jobs',
+        type=numbers_from(1),
+        default=sorted({1, joblib.cpu_count()}),
+        metavar='N,...',
+        help='numbers of threads of our engine (default: 1 and one a core)',
+    )
+    parser.add_argument('--json', action='store_true', help='print JSON in place of the table')
+    options = parser.parse_args(arguments)
+    if options.top and options.top > options.channels:
+        parser.error(f'argument --top: it is {options.top}; there are {options.channels} channels')
+    return options
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Measure and print; return the exit code."""
+    options = parse(arguments)
+    return exit_code('benchmark', lambda: run(options))
+
+
+if __name__ == '__main__':
+    sys.exit(main())
