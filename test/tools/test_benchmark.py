@@ -1,6 +1,9 @@
 import json
+import os
+import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -113,6 +116,31 @@ def test_longer_and_wider_episodes_are_rounds_of_the_world_with_more_noise():
 def test_channels_that_were_not_ranked_count_as_in_random_order():
     assert rank_sum((2, 0, 1), (0, 1), 3) == 5
     assert rank_sum((2, 0), (0, 1), 6) == 2 + (3 + 4 + 5 + 6) / 4
+
+
+def children(pid):
+    """Return the processes that a process has started and that live."""
+    return Path(f'/proc/{pid}/task/{pid}/children').read_text().split()
+
+
+def test_ctrl_c_ends_it_with_a_sentence_and_leaves_no_process():
+    process = subprocess.Popen(
+        [sys.executable, '-m', 'cmifs_ros.tools.benchmark', '--methods', 'default'],
+        cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
+    )  # fmt: skip
+    try:
+        deadline = time.monotonic() + 60
+        while not (measuring := children(process.pid)):
+            assert process.poll() is None
+            assert time.monotonic() < deadline
+            time.sleep(0.05)
+        os.killpg(process.pid, signal.SIGINT)  # as a terminal does
+        output, errors = process.communicate(timeout=20)
+    finally:
+        process.kill()
+    assert (process.returncode, errors) == (130, '')
+    assert output == '\nbenchmark: interrupted; nothing is kept\n'
+    assert not any(Path(f'/proc/{pid}').exists() for pid in measuring)
 
 
 @pytest.mark.parametrize(
