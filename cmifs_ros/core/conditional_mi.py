@@ -8,8 +8,10 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 
 from .episode import Episode
-from .lsmi import TOLERANCE, Lsmi
-from .samples import StepSamples, step_samples
+from .held_out import TOLERANCE
+from .lsmi import Lsmi
+from .samples import step_samples
+from .workspace import Workspace
 
 
 class ConditionalMI:
@@ -66,25 +68,24 @@ class ConditionalMI:
             its float32 value.
 
         """
+        workspace = Workspace()
+        estimator = self._estimator
         with ThreadPoolExecutor(self._n_jobs) as pool:
-            screened = list(pool.map(lambda step: self._screen(step, subsets), self._steps))
+            screened = list(
+                pool.map(lambda step: estimator.screen(step, subsets, workspace), self._steps)
+            )
             scores = self._weights @ np.array([values for values, _ in screened])
-            if self._estimator.criterion == 'held_out':
+            if estimator.criterion == 'held_out':
                 contenders = np.flatnonzero(scores >= scores.max() - 2 * TOLERANCE)
             else:  # The screening speaks of Equation (7), not of Equation (10).
                 contenders = np.arange(len(subsets))
             chosen = [subsets[i] for i in contenders]
-            widths = [mask[contenders].any(axis=0) for _, mask in screened]
-            exact = pool.map(lambda *args: self._estimate(*args, chosen), self._steps, widths)
+            exact = pool.map(
+                lambda step, result: estimator.refine(
+                    step, chosen, result[1][contenders], workspace
+                ),
+                self._steps,
+                screened,
+            )
             scores[contenders] = self._weights @ np.array(list(exact))
         return scores
-
-    def _screen(self, step: StepSamples, subsets) -> tuple[np.ndarray, np.ndarray]:
-        features = [step.states[:, list(subset)] for subset in subsets]
-        return self._estimator.screen(step.returns, features, step.folds, step.centers)
-
-    def _estimate(self, step: StepSamples, widths: np.ndarray, subsets) -> np.ndarray:
-        features = [step.states[:, list(subset)] for subset in subsets]
-        return self._estimator.estimate(
-            step.returns, features, step.folds, step.centers, widths=widths
-        )

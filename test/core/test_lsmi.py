@@ -5,7 +5,9 @@ from hypothesis import strategies as st
 from oracles import direct_lsmi
 
 from cmifs_ros.core import Lsmi
-from cmifs_ros.core.lsmi import TOLERANCE
+from cmifs_ros.core.held_out import TOLERANCE
+from cmifs_ros.core.samples import StepSamples
+from cmifs_ros.core.workspace import Workspace
 
 WIDTHS = (0.1, 0.5, 2.0)
 LAMBDAS = (0.001, 0.1, 10.0)
@@ -17,6 +19,17 @@ def estimator(criterion):
 
 def folds_of(size, count=5):
     return np.arange(size) * count // size
+
+
+def samples(returns, z, folds=None, centers=None):
+    size = len(returns)
+    folds = folds_of(size) if folds is None else folds
+    return StepSamples(returns, z, folds, np.arange(size) if centers is None else centers)
+
+
+def every(z):
+    """Return the subset of all channels."""
+    return range(z.shape[1])
 
 
 @settings(max_examples=25)
@@ -41,19 +54,19 @@ def test_estimates_equal_the_double_sums(seed, size, channels, discrete, every_s
         returns, z, folds, centers, widths=WIDTHS, regularizations=LAMBDAS
     )
 
-    (held_out,) = estimator('held_out').estimate(returns, [z], folds, centers)
+    step = samples(returns, z, folds, centers)
+    (held_out,) = estimator('held_out').estimate(step, [every(z)])
     assert held_out == pytest.approx(-2 * objective - 1, abs=1e-10)
-    (fitted,) = estimator('plug_in').estimate(returns, [z], folds, centers)
+    (fitted,) = estimator('plug_in').estimate(step, [every(z)])
     assert fitted == pytest.approx(plug_in, abs=1e-10)
 
 
 def test_candidates_estimated_together_equal_those_estimated_alone():
     rng = np.random.default_rng(1)
-    returns = rng.normal(size=40)
-    features = [rng.normal(size=(40, k)) for k in (1, 3, 2)]
-    folds, centers = folds_of(40), np.arange(40)
-    together = Lsmi().estimate(returns, features, folds, centers)
-    alone = [Lsmi().estimate(returns, [z], folds, centers)[0] for z in features]
+    step = samples(rng.normal(size=40), rng.normal(size=(40, 6)))
+    subsets = [(0,), (1, 2, 3), (0, 4)]
+    together = Lsmi().estimate(step, subsets)
+    alone = [Lsmi().estimate(step, [subset])[0] for subset in subsets]
     np.testing.assert_allclose(together, alone, rtol=0, atol=1e-12)
 
 
@@ -74,16 +87,15 @@ def datasets():
 @pytest.mark.parametrize(
     ('returns', 'z'), [d[1:] for d in datasets()], ids=[d[0] for d in datasets()]
 )
-def test_the_float32_screening_never_misses_the_best_width(returns, z):
-    folds, centers = folds_of(len(returns)), np.arange(len(returns))
-    features = [z[:, :1], z[:, :2], z]
+def test_the_screening_never_misses_the_best_point_of_the_grid(returns, z):
+    step, workspace = samples(returns, z), Workspace()
+    subsets = [(0,), (0, 1), (0, 1, 2)]
     for criterion in ('held_out', 'plug_in'):
         lsmi = Lsmi(criterion)
-        exact = lsmi.estimate(returns, features, folds, centers)
-        scores, widths = lsmi.screen(returns, features, folds, centers)
-        for i, mask in enumerate(widths):
-            narrowed = lsmi.estimate(returns, [features[i]], folds, centers, widths=mask)
-            assert narrowed == pytest.approx(exact[i], abs=1e-12)
+        exact = lsmi.estimate(step, subsets)
+        scores, points = lsmi.screen(step, subsets, workspace)
+        narrowed = lsmi.refine(step, subsets, points, workspace)
+        np.testing.assert_allclose(narrowed, exact, rtol=0, atol=1e-11)
         if criterion == 'held_out':
             np.testing.assert_allclose(scores, exact, rtol=0, atol=TOLERANCE / 2)
 
@@ -95,9 +107,8 @@ def test_order_of_samples_does_not_matter(criterion):
     returns = z[:, 0] * z[:, 1] + 0.1 * rng.normal(size=60)
     folds = folds_of(60)
     order = rng.permutation(60)
-    centers = np.arange(60)
-    one = Lsmi(criterion).estimate(returns, [z], folds, centers)
-    other = Lsmi(criterion).estimate(returns[order], [z[order]], folds[order], centers)
+    one = Lsmi(criterion).estimate(samples(returns, z), [every(z)])
+    other = Lsmi(criterion).estimate(samples(returns[order], z[order], folds[order]), [every(z)])
     np.testing.assert_allclose(other, one, rtol=0, atol=1e-10)
 
 
@@ -115,9 +126,7 @@ def test_independent_data_score_near_zero_and_dependent_data_more_the_more_they_
         trials = []
         for seed in range(5):
             x, y = gaussian_pair(correlation, size, seed)
-            trials += list(
-                Lsmi(criterion).estimate(y, [x[:, None]], folds_of(size), np.arange(size))
-            )
+            trials += list(Lsmi(criterion).estimate(samples(y, x[:, None]), [(0,)]))
         scores.append(np.mean(trials))
     assert abs(scores[0]) < 0.03
     assert scores[0] < scores[1] - 0.03 < scores[2] - 0.06
@@ -131,7 +140,8 @@ def test_estimate_approaches_the_closed_form_of_the_normal_distribution():
     for seed in range(5):
         x, y = gaussian_pair(correlation, size, seed)
         centers = np.random.default_rng(seed).choice(size, 100, replace=False)
-        estimates += list(Lsmi().estimate(y, [x[:, None]], folds_of(size), centers))
+        step = samples(y, x[:, None], centers=centers)
+        estimates += list(Lsmi().estimate(step, [(0,)]))
     assert np.mean(estimates) == pytest.approx(truth, abs=0.1)
 
 

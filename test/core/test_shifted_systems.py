@@ -3,9 +3,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cmifs_ros.core.shifted_solve import shifted_solve
+from cmifs_ros.core.shifted_systems import ShiftedSystems
+from cmifs_ros.core.workspace import Workspace
 
 SHIFTS = np.logspace(-3, 1, 9)
+
+
+def shifted_solve(matrices, rhs, rtol=1e-13, step=4):
+    systems = ShiftedSystems(matrices, rhs, SHIFTS, Workspace())
+    while True:
+        systems.extend(step)
+        if systems.converged(rtol).all():
+            return systems.solutions()
 
 
 @given(
@@ -19,7 +28,7 @@ def test_solutions_satisfy_every_shifted_system(size, rank, scale, seed):
     factors = scale * rng.normal(size=(3, size, rank))
     matrices = factors @ factors.transpose(0, 2, 1)
     rhs = rng.normal(size=(3, size))
-    solutions = shifted_solve(matrices, rhs, SHIFTS)
+    solutions = shifted_solve(matrices, rhs)
     identity = np.eye(size)
     for matrix, b, solution in zip(matrices, rhs, solutions, strict=True):
         for shift, x in zip(SHIFTS, solution, strict=True):
@@ -43,7 +52,7 @@ def test_problems_that_end_early_do_not_disturb_their_neighbours(kind):
         matrices[:, None] + SHIFTS[:, None, None] * np.eye(30),
         np.broadcast_to(rhs[:, None, :, None], (3, 9, 30, 1)),
     )[..., 0]
-    np.testing.assert_allclose(shifted_solve(matrices, rhs, SHIFTS), expected, rtol=1e-8, atol=1e-9)
+    np.testing.assert_allclose(shifted_solve(matrices, rhs), expected, rtol=1e-8, atol=1e-9)
 
 
 @given(size=st.integers(1, 60), rank=st.integers(0, 60), seed=st.integers(0, 2**32 - 1))
@@ -52,9 +61,25 @@ def test_float32_reaches_its_tolerance(size, rank, seed):
     factors = rng.normal(size=(3, size, rank)) / np.sqrt(size)
     matrices = factors @ factors.transpose(0, 2, 1)
     rhs = rng.normal(size=(3, size))
-    exact = shifted_solve(matrices, rhs, SHIFTS)
-    coarse = shifted_solve(matrices.astype(np.float32), rhs.astype(np.float32), SHIFTS, rtol=1e-4)
+    exact = shifted_solve(matrices, rhs)
+    coarse = shifted_solve(matrices.astype(np.float32), rhs.astype(np.float32), rtol=1e-5)
     assert coarse.dtype == np.float32
     error = np.linalg.norm(coarse - exact, axis=2)
     # A residual of r leaves an error of at most r / lambda.
     assert np.all(error <= 1e-3 * np.linalg.norm(rhs, axis=1)[:, None] / SHIFTS)
+
+
+@given(seed=st.integers(0, 2**32 - 1), first=st.integers(1, 12), step=st.integers(1, 12))
+def test_dropping_problems_on_the_way_does_not_disturb_the_others(seed, first, step):
+    rng = np.random.default_rng(seed)
+    factors = rng.normal(size=(4, 20, 20))
+    matrices = factors @ factors.transpose(0, 2, 1)
+    rhs = rng.normal(size=(4, 20))
+    kept = np.array([1, 3])
+    systems = ShiftedSystems(matrices, rhs, SHIFTS, Workspace())
+    systems.extend(first)
+    systems.keep(kept)
+    while not systems.converged(1e-13).all():
+        systems.extend(step)
+    expected = shifted_solve(matrices[kept], rhs[kept])
+    np.testing.assert_allclose(systems.solutions(), expected, rtol=1e-7, atol=1e-9)
