@@ -13,17 +13,16 @@ What makes it fast, and why each is exact:
   on the coefficients stay what they were.
 - All regularisations of one width and fold share a Krylov space; see `shifted_systems`.
 - Where no Gaussian of z reaches from one fold into another, the model is 0 on what is held out,
-  and so is J.
+  and so is J, to far below rounding.
 
-The screening is approximate by a known amount: float32, Krylov spaces that end early, and widths
-given up after a few vectors when J is far above the best. Its errors are far below the
-tolerances given here, and whatever comes within `TOLERANCE` is evaluated again in float64.
+In float32 the same is done as a screening, with Krylov spaces that end earlier. Its errors are far
+below `TOLERANCE`; whatever it leaves undecided is to be evaluated again in float64.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from itertools import groupby
+from itertools import chain, groupby, repeat
 
 import numpy as np
 from scipy.spatial.distance import cdist
@@ -32,20 +31,15 @@ from .samples import StepSamples
 from .shifted_systems import ShiftedSystems
 from .workspace import Workspace
 
-#: Points of the grid whose J in float32 lies this close to the best are evaluated in float64.
-#: The greatest error of J seen there, on a grid point of 6 heavy-tailed samples, is a fifth
-#: of it; with 30 samples or more it is a twentieth.
+#: Values of J in float32 that differ by less than this are undecided. The greatest error seen
+#: near the least J, of 8 samples in units of 1000, is a fifth of it; with 30 samples or more it
+#: is a tenth.
 TOLERANCE = 5e-4
 #: Residual of the systems, relative to h.
 _RTOL = {np.float32: 1e-5, np.float64: 1e-12}
-#: Vectors after which a width is given up if its least J is so much above the best known one.
-#: No J was seen to fall by half as much afterwards.
-_ROUGH_VECTORS = (2, 6)
-_ROUGH_MARGIN = 0.25
-#: Regularisations below this drown in the rounding of float32.
-_LEAST_COARSE_REGULARIZATION = 1e-4
-#: Gaussians below exp(-this) count as 0; against any regularisation above 1e-4 they do.
-_ISOLATED = 45.0
+#: Gaussians below exp(-this) count as 0; divided by the square of any sensible regularisation they
+#: still do.
+_ISOLATED = 60.0
 #: Greatest number of entries in one stack of matrices: larger ones fall out of the cache.
 _STACK_ENTRIES = 1_000_000
 
@@ -105,60 +99,65 @@ class HeldOutObjective:
             self._isolation[i] = distances[is_other_fold].min()
             self._z_distances[i] = distances if columns is None else distances[columns[i]]
 
-    def evaluate(self, widths: Sequence[float], candidates: Sequence[int]) -> np.ndarray:
-        """Return J of each pair of a width and a candidate at each lambda: shape (pairs, L)."""
-        result = np.empty((len(widths), len(self._regularizations)))
-        for pairs, batch in self._batches(np.asarray(widths), np.asarray(candidates)):
-            batch.solve()
-            result[pairs] = batch.objective()
-        return result
+    def evaluate(self, which: np.ndarray, widths: np.ndarray) -> np.ndarray:
+        """Return J of candidates at widths of the grid, for all lambdas.
 
-    def screen(self, widths: np.ndarray) -> np.ndarray:
-        """Return J of all candidates at all widths: shape (C, len(widths), L).
+        Parameters
+        ----------
+        which : numpy.ndarray of bool, shape (C, W)
+            What to evaluate.
+        widths : numpy.ndarray, shape (W,)
 
-        Points that are not within `TOLERANCE` of the best of their candidate may have been left
-        at a rough value above that.
+        Returns
+        -------
+        numpy.ndarray of float64, shape (C, W, L)
+            0 where `which` is False.
+
         """
-        num_candidates, num_lambdas = len(self._z_distances), len(self._regularizations)
-        objective = np.zeros((num_candidates, len(widths), num_lambdas))
-        least = np.full(num_candidates, np.inf)
-        # From the great widths down: there the systems are easy and soon set a mark.
-        which, candidates = (
-            index.ravel()
-            for index in np.meshgrid(
-                np.argsort(widths)[::-1], np.arange(num_candidates), indexing='ij'
+        objective = np.zeros((*which.shape, len(self._regularizations)))
+        reaches = self._isolation[:, None] <= 2 * _ISOLATED * widths**2
+        # Ordered by width, so that systems that are solved together are alike.
+        index, candidates = np.nonzero((which & reaches).T)
+        for pairs in self._batches(len(index)):
+            objective[candidates[pairs], index[pairs]] = self._evaluate(
+                widths[index[pairs]], candidates[pairs]
             )
-        )
-        reached = 2 * _ISOLATED * widths[which] ** 2 > self._isolation[candidates]
-        which, candidates = which[reached], candidates[reached]
-        for pairs, batch in self._batches(widths[which], candidates):
-            own = candidates[pairs]
-            for vectors in _ROUGH_VECTORS:
-                batch.extend(vectors)
-                if batch.converged().all():
-                    break
-            values = batch.objective()
-            np.minimum.at(least, own, values.min(axis=1))
-            hopeful = ~batch.converged() & (values.min(axis=1) < least[own] + _ROUGH_MARGIN)
-            if hopeful.any():
-                if not hopeful.all():
-                    batch.keep(np.flatnonzero(hopeful))
-                batch.solve()
-                values[hopeful] = batch.objective()
-                np.minimum.at(least, own, values.min(axis=1))
-            objective[own, which[pairs]] = values
         return objective
 
-    def _batches(self, widths, candidates) -> Iterator[tuple[slice, _Batch]]:
-        """Yield slices of the pairs and their systems, none larger than the cache."""
+    def _batches(self, num_pairs: int) -> Iterator[slice]:
+        """Yield slices of the pairs, the systems of each no larger than the cache."""
         size, num_samples = self._z_distances.shape[1:]
         entries = max(len(self._folds) * size, num_samples) * size
-        count = -(-len(widths) * entries // _STACK_ENTRIES)
-        for part in np.array_split(np.arange(len(widths)), min(count, len(widths))):
-            pairs = slice(part[0], part[-1] + 1)
-            yield pairs, self._batch(widths[pairs], candidates[pairs])
+        count = min(num_pairs, -(-num_pairs * entries // _STACK_ENTRIES))
+        for part in np.array_split(np.arange(num_pairs), count) if count else []:
+            yield slice(part[0], part[-1] + 1)
 
-    def _batch(self, widths, candidates) -> _Batch:
+    def _evaluate(self, widths: np.ndarray, candidates: np.ndarray) -> np.ndarray:
+        """Return J of pairs of a width and a candidate at each lambda: shape (n, L)."""
+        train, h_train, test, h_test = self._systems(widths, candidates)
+        num_folds, num_pairs, size = h_train.shape
+        systems = ShiftedSystems(
+            train.reshape(-1, size, size),
+            h_train.reshape(-1, size),
+            self._regularizations,
+            self._workspace,
+        )
+        for num_vectors in chain([2], repeat(4)):
+            systems.extend(num_vectors)
+            if systems.converged(_RTOL[self._dtype]).all():
+                break
+        alpha = systems.solutions().reshape(num_folds, num_pairs, -1, size)
+        image = self._workspace.array('image', alpha.shape, self._dtype)
+        np.matmul(alpha, test, out=image)
+        quadratic = np.einsum('fnlb,fnlb->fnl', image, alpha)
+        linear = np.matmul(alpha, h_test[..., None])[..., 0]
+        return np.mean(0.5 * quadratic - linear, axis=0)
+
+    def _systems(self, widths, candidates) -> tuple[np.ndarray, ...]:
+        """Return H and h of each fold, for training without it and for testing on it.
+
+        The matrices have shape (F, n, U, U), the vectors (F, n, U).
+        """
         size, num_samples = self._z_distances.shape[1:]
         num_folds, num_pairs = len(self._folds), len(widths)
 
@@ -195,61 +194,13 @@ class HeldOutObjective:
             gram /= self._sizes**2
             test[:, pairs] *= gram
         h = np.matmul(joint, self._indicator).transpose(2, 0, 1)
-        return _Batch(
-            train=train,
-            h_train=(h.sum(axis=0) - h) / rest[..., 0],
-            test=test,
-            h_test=h / self._sizes[..., 0],
-            lambdas=self._regularizations,
-            workspace=self._workspace,
-        )
+        return train, (h.sum(axis=0) - h) / rest[..., 0], test, h / self._sizes[..., 0]
 
     def _fold_grams(self, kernel: np.ndarray, out: np.ndarray) -> None:
         """Write K_f K_f' of (n, U, M), for each fold f of the samples, to (F, n, U, U)."""
         for gram, fold in zip(out, self._folds, strict=True):
             part = kernel[:, :, fold]
             np.matmul(part, part.transpose(0, 2, 1), out=gram)
-
-
-class _Batch:
-    """The systems of some pairs of a width and a candidate, all folds together."""
-
-    def __init__(self, *, train, h_train, test, h_test, lambdas, workspace):
-        self._num_folds, self._num_pairs, size, _ = train.shape
-        self._test, self._h_test = test, h_test
-        self._workspace = workspace
-        self._rtol = _RTOL[train.dtype.type]
-        self._systems = ShiftedSystems(
-            train.reshape(-1, size, size), h_train.reshape(-1, size), lambdas, workspace
-        )
-
-    def extend(self, num_vectors: int) -> None:
-        self._systems.extend(num_vectors)
-
-    def converged(self) -> np.ndarray:
-        by_fold = self._systems.converged(self._rtol).reshape(self._num_folds, self._num_pairs)
-        return by_fold.all(axis=0)
-
-    def solve(self) -> None:
-        while True:
-            self._systems.extend(4)
-            if self.converged().all():
-                return
-
-    def keep(self, pairs: np.ndarray) -> None:
-        folds = np.arange(self._num_folds)[:, None]
-        self._systems.keep((folds * self._num_pairs + pairs).ravel())
-        self._test, self._h_test = self._test[:, pairs], self._h_test[:, pairs]
-        self._num_pairs = len(pairs)
-
-    def objective(self) -> np.ndarray:
-        alpha = self._systems.solutions()
-        alpha = alpha.reshape(self._num_folds, self._num_pairs, *alpha.shape[1:])
-        image = self._workspace.array('image', alpha.shape, alpha.dtype)
-        np.matmul(alpha, self._test, out=image)
-        quadratic = np.einsum('fnlb,fnlb->fnl', image, alpha)
-        linear = np.matmul(alpha, self._h_test[..., None])[..., 0]
-        return np.mean(0.5 * quadratic - linear, axis=0)
 
 
 def gaussian(squared_distance: np.ndarray, width: float, out=None) -> np.ndarray:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.distance import cdist
 
-from .held_out import TOLERANCE, HeldOutObjective, gaussian
+from .held_out import HeldOutObjective, gaussian
 from .samples import StepSamples
 from .workspace import Workspace
 
@@ -84,56 +84,69 @@ class Lsmi:
         numpy.ndarray, shape (C,)
 
         """
-        shape = (len(subsets), len(self.widths), len(self.regularizations))
-        return self.refine(step, subsets, np.ones(shape, dtype=bool), Workspace())
+        everywhere = np.ones((len(subsets), len(self.widths)), dtype=bool)
+        objective = self.objective(step, subsets, everywhere, Workspace())
+        return self.information(
+            step, subsets, objective, objective.reshape(len(subsets), -1).argmin(axis=1)
+        )
 
-    def screen(
-        self, step: StepSamples, subsets: Sequence[Sequence[int]], workspace: Workspace
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Do the fast part: approximate the held-out scores and narrow down the grid.
-
-        Returns
-        -------
-        scores : numpy.ndarray, shape (C,)
-            Held-out scores, accurate to `TOLERANCE`.
-        points : numpy.ndarray of bool, shape (C, len(self.widths), len(self.regularizations))
-            The grid points among which the best one is.
-
-        """
-        is_coarse = min(self.regularizations) >= _LEAST_COARSE_REGULARIZATION
-        objective = HeldOutObjective(
-            step,
-            subsets,
-            np.array(self.regularizations),
-            np.float32 if is_coarse else np.float64,
-            workspace,
-        ).screen(np.array(self.widths))
-        best = objective.min(axis=(1, 2))
-        return -2.0 * best - 1.0, objective <= best[:, None, None] + TOLERANCE
-
-    def refine(
+    def objective(
         self,
         step: StepSamples,
         subsets: Sequence[Sequence[int]],
-        points: np.ndarray,
+        which: np.ndarray | None,
         workspace: Workspace,
     ) -> np.ndarray:
-        """Do the exact part: as `estimate`, among the given points of the grid.
+        """Return the held-out objective J of Equation (7) on the grid.
 
         Parameters
         ----------
-        points : numpy.ndarray of bool, shape (C, len(self.widths), len(self.regularizations))
+        step, subsets
+            As of `estimate`.
+        which : numpy.ndarray of bool, shape (C, len(self.widths)), optional
+            The widths to evaluate in float64; elsewhere J is left at 0. None screens the whole
+            grid in float32, with errors far below `held_out.TOLERANCE`.
+        workspace : Workspace
+
+        Returns
+        -------
+        numpy.ndarray, shape (C, len(self.widths), len(self.regularizations))
 
         """
-        candidates, which = np.nonzero(points.any(axis=2))
-        objective = np.full(points.shape, np.inf)
-        objective[candidates, which] = HeldOutObjective(
-            step, subsets, np.array(self.regularizations), np.float64, workspace
-        ).evaluate(np.array(self.widths)[which], candidates)
-        flat = objective.reshape(len(subsets), -1)
+        is_exact = which is not None or min(self.regularizations) < _LEAST_COARSE_REGULARIZATION
+        if which is None:
+            which = np.ones((len(subsets), len(self.widths)), dtype=bool)
+        dtype = np.float64 if is_exact else np.float32
+        return HeldOutObjective(
+            step, subsets, np.array(self.regularizations), dtype, workspace
+        ).evaluate(which, np.array(self.widths))
+
+    def information(
+        self,
+        step: StepSamples,
+        subsets: Sequence[Sequence[int]],
+        objective: np.ndarray,
+        points: np.ndarray,
+    ) -> np.ndarray:
+        """Return the mutual information at given points of the grid.
+
+        Parameters
+        ----------
+        step, subsets
+            As of `estimate`.
+        objective : numpy.ndarray, shape (C, len(self.widths), len(self.regularizations))
+            The held-out objective; only 'held_out' asks for it.
+        points : numpy.ndarray of int, shape (C,)
+            Flat indices into the grid, one for each feature set.
+
+        Returns
+        -------
+        numpy.ndarray, shape (C,)
+
+        """
         if self.criterion == 'held_out':
-            return -2.0 * flat.min(axis=1) - 1.0
-        width, regularization = np.unravel_index(flat.argmin(axis=1), points.shape[1:])
+            return -2.0 * objective.reshape(len(subsets), -1)[range(len(subsets)), points] - 1.0
+        width, regularization = np.unravel_index(points, objective.shape[1:])
         return np.array(
             [
                 _plug_in(step, subset, self.widths[w], self.regularizations[i])

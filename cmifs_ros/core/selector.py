@@ -168,6 +168,9 @@ class ConditionalMISelector(SensorSelector):
         no group is a sensor by itself. Sensors are added and removed whole.
     max_time_bins : int, optional
         Longer episodes have neighbouring steps pooled into this many bins; None never pools.
+    tuning_window : int
+        How many steps (or bins) on either side help a step to pick its kernel width and
+        regularisation; see `ConditionalMI`.
     num_centers : int, optional
         Greatest number of kernel centres in a step; None takes all samples.
     random_state : int
@@ -193,6 +196,7 @@ class ConditionalMISelector(SensorSelector):
         direction: str = 'forward',
         groups: Mapping[str, Sequence[str | int]] | None = None,
         max_time_bins: int | None = 32,
+        tuning_window: int = 2,
         num_centers: int | None = 200,
         random_state: int = 0,
         n_jobs: int = 1,
@@ -202,6 +206,7 @@ class ConditionalMISelector(SensorSelector):
         self.criterion = criterion
         self.standardize = standardize
         self.max_time_bins = max_time_bins
+        self.tuning_window = tuning_window
         self.num_centers = num_centers
         self.n_jobs = n_jobs
 
@@ -212,6 +217,7 @@ class ConditionalMISelector(SensorSelector):
             'criterion': 'plug_in',
             'standardize': False,
             'max_time_bins': None,
+            'tuning_window': 0,
             'num_centers': None,
         }
         return cls(num_features, **(paper | options))
@@ -219,6 +225,8 @@ class ConditionalMISelector(SensorSelector):
     def _make_criterion(self, episodes: list[Episode], names: tuple[str, ...]) -> ConditionalMI:
         if self.max_time_bins is not None and self.max_time_bins < 1:
             raise ValueError(f'max_time_bins is {self.max_time_bins}; expected at least 1, or None')
+        if self.tuning_window < 0:
+            raise ValueError(f'tuning_window is {self.tuning_window}; expected at least 0')
         if self.n_jobs < 1:
             raise ValueError(f'n_jobs is {self.n_jobs}; expected at least 1')
         return ConditionalMI(
@@ -227,6 +235,7 @@ class ConditionalMISelector(SensorSelector):
             gamma=self.gamma,
             standardize=self.standardize,
             max_time_bins=self.max_time_bins,
+            tuning_window=self.tuning_window,
             random_state=self.random_state,
             n_jobs=self.n_jobs,
         )

@@ -31,6 +31,7 @@ def rank_directly(
     criterion: str = 'held_out',
     standardize: bool = True,
     max_time_bins: int | None = 32,
+    tuning_window: int = 2,
     num_centers: int | None = 200,
     random_state: int = 0,
 ) -> tuple[list[int], list[float]]:
@@ -43,7 +44,7 @@ def rank_directly(
         How many sensors to rank; None ranks all.
     sensors : sequence of tuple of int, optional
         The channels of each sensor; by default each channel is one.
-    criterion, gamma, standardize, max_time_bins, num_centers, random_state
+    gamma, criterion, standardize, max_time_bins, tuning_window, num_centers, random_state
         As of `ConditionalMISelector`.
 
     Returns
@@ -66,64 +67,68 @@ def rank_directly(
     if sensors is None:
         sensors = [(channel,) for channel in range(episodes[0].num_channels)]
     return forward_selection(
-        lambda subsets: np.array([conditional_mi(steps, s, criterion) for s in subsets]),
+        lambda subsets: np.array(
+            [conditional_mi(steps, subset, criterion, tuning_window) for subset in subsets]
+        ),
         sensors,
         len(sensors) if num_features is None else num_features,
     )
 
 
-def conditional_mi(steps: Sequence[StepSamples], subset: Sequence[int], criterion: str) -> float:
-    """Return sum_n p(n) I(eta_n; z_n), Equation (9); one episode alone tells of no dependence."""
+def conditional_mi(
+    steps: Sequence[StepSamples], subset: Sequence[int], criterion: str, tuning_window: int
+) -> float:
+    """Return sum_n p(n) I(eta_n; z_n), Equation (9); one episode alone tells of no dependence.
+
+    Each step takes the width and the regularisation that minimise the held-out objective
+    averaged over the samples of the steps near it.
+    """
     total = sum(len(step.returns) for step in steps)
+    steps = [step for step in steps if step.folds.max() > 0]
+    objectives = [held_out_objective(step, subset) for step in steps]
     score = 0.0
-    for step in steps:
-        if step.folds.max() > 0:
-            z = step.states[:, list(subset)]
-            information = mutual_information(step.returns, z, step.folds, step.centers, criterion)
-            score += len(step.returns) / total * information
+    for n, step in enumerate(steps):
+        averaged, weight = np.zeros((len(WIDTHS), len(REGULARIZATIONS))), 0.0
+        for m, objective in enumerate(objectives):
+            if abs(m - n) <= tuning_window:
+                nearness = (tuning_window + 1 - abs(m - n)) * len(steps[m].returns)
+                averaged += nearness * objective
+                weight += nearness
+        w, i = np.unravel_index(np.argmin(averaged / weight), averaged.shape)
+        if criterion == 'held_out':
+            information = -2.0 * objectives[n][w, i] - 1.0
+        else:
+            information = plug_in(step, subset, WIDTHS[w], REGULARIZATIONS[i])
+        score += len(step.returns) / total * information
     return score
 
 
-def mutual_information(
-    returns: np.ndarray, z: np.ndarray, folds: np.ndarray, centers: np.ndarray, criterion: str
-) -> float:
-    """Return the least-squares mutual information of one step.
-
-    Parameters
-    ----------
-    returns : numpy.ndarray, shape (M,)
-    z : numpy.ndarray, shape (M, u)
-    folds : numpy.ndarray of int, shape (M,)
-        The cross-validation fold of each sample.
-    centers : numpy.ndarray of int, shape (B,)
-        Indices of the samples that carry a Gaussian.
-    criterion : {'held_out', 'plug_in'}
-        -2 J - 1 with J the least held-out Equation (7), or Equation (10) where J is least.
-
-    """
-    num_folds = folds.max() + 1
-    identity = np.eye(len(centers))
-    best = (np.inf, 0.0, 0.0)
-    for width in WIDTHS:
-        k_eta = gaussian_kernel(returns[:, None], returns[centers, None], width)
-        k_z = gaussian_kernel(z, z[centers], width)
-        objectives = np.zeros((num_folds, len(REGULARIZATIONS)))
+def held_out_objective(step: StepSamples, subset: Sequence[int]) -> np.ndarray:
+    """Return J of Equation (7) averaged over the held-out folds, at each width and lambda."""
+    z, returns = step.states[:, list(subset)], step.returns[:, None]
+    identity = np.eye(len(step.centers))
+    num_folds = step.folds.max() + 1
+    objective = np.zeros((len(WIDTHS), len(REGULARIZATIONS)))
+    for w, width in enumerate(WIDTHS):
+        k_eta = gaussian_kernel(returns, returns[step.centers], width)
+        k_z = gaussian_kernel(z, z[step.centers], width)
         for fold in range(num_folds):
-            held_out = folds == fold
+            held_out = step.folds == fold
             matrix, h = moments(k_eta[~held_out], k_z[~held_out])
             held_out_matrix, held_out_h = moments(k_eta[held_out], k_z[held_out])
             for i, regularization in enumerate(REGULARIZATIONS):
                 alpha = np.linalg.solve(matrix + regularization * identity, h)
-                objectives[fold, i] = 0.5 * alpha @ held_out_matrix @ alpha - held_out_h @ alpha
-        means = objectives.mean(axis=0)
-        best = min(best, (means.min(), width, REGULARIZATIONS[means.argmin()]))
-    objective, width, regularization = best
-    if criterion == 'held_out':
-        return -2.0 * objective - 1.0
-    k_eta = gaussian_kernel(returns[:, None], returns[centers, None], width)
-    k_z = gaussian_kernel(z, z[centers], width)
+                objective[w, i] += 0.5 * alpha @ held_out_matrix @ alpha - held_out_h @ alpha
+    return objective / num_folds
+
+
+def plug_in(step: StepSamples, subset: Sequence[int], width: float, regularization: float) -> float:
+    """Return Equation (10), fitted to all samples of a step."""
+    z, returns = step.states[:, list(subset)], step.returns[:, None]
+    k_eta = gaussian_kernel(returns, returns[step.centers], width)
+    k_z = gaussian_kernel(z, z[step.centers], width)
     matrix, h = moments(k_eta, k_z)
-    alpha = np.linalg.solve(matrix + regularization * identity, h)
+    alpha = np.linalg.solve(matrix + regularization * np.eye(len(h)), h)
     independent = k_eta.mean(axis=0) * k_z.mean(axis=0)
     return alpha @ matrix @ alpha - 2.0 * independent @ alpha + 1.0
 

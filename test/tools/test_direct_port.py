@@ -5,11 +5,12 @@ import pytest
 from oracles import direct_lsmi
 
 from cmifs_ros.core import ConditionalMISelector, Episode
+from cmifs_ros.core.samples import StepSamples
 from cmifs_ros.sim import rollout, rollout_chain
 from cmifs_ros.tools.direct_port import (
     REGULARIZATIONS,
     WIDTHS,
-    mutual_information,
+    conditional_mi,
     rank_directly,
 )
 
@@ -132,6 +133,8 @@ DATA = {
     'heavy tails': (episodes_of([3] * 20, with_columns(normal(3), heavy_tails), product), {}),
     'best two': (episodes_of([3] * 25, normal(5), product), {'num_features': 2}),
     'no discount': (episodes_of([4] * 20, normal(3), product), {'gamma': 1.0}),
+    'each step by itself': (episodes_of([5] * 20, normal(4), product), {'tuning_window': 0}),
+    'each step with all': (episodes_of(RAGGED, discrete(4), product), {'tuning_window': 9}),
     'other folds': (episodes_of([3] * 20, normal(3), product), {'random_state': 8}),
 }  # fmt: skip
 #: The sensors of the data with groups, in the order of their first channels.
@@ -160,8 +163,7 @@ def test_the_port_equals_the_literal_double_sums(seed):
     objective, plug_in = direct_lsmi(
         returns, z, folds, centers, widths=WIDTHS, regularizations=REGULARIZATIONS
     )
-    held_out = mutual_information(returns, z, folds, centers, 'held_out')
+    step = StepSamples(returns, z, folds, centers)
+    held_out = conditional_mi([step], (0, 1), 'held_out', 2)
     assert held_out == pytest.approx(-2 * objective - 1, abs=1e-10)
-    assert mutual_information(returns, z, folds, centers, 'plug_in') == pytest.approx(
-        plug_in, abs=1e-10
-    )
+    assert conditional_mi([step], (0, 1), 'plug_in', 2) == pytest.approx(plug_in, abs=1e-10)
