@@ -94,9 +94,7 @@ class GridWorld:
         #: Where gravel lies in this episode, indexed [column - 1, row - 1].
         self.gravel = np.zeros((SIZE, SIZE), dtype=bool)
         if self.scenario == 'with_gravel':
-            # Columns 2 to 9: never where the robot starts, never on the target.
-            self.gravel[1:9] = self._rng.random((8, SIZE)) < GRAVEL_PROBABILITY
-            self.gravel &= ~WALLS
+            self._lay_gravel()
         self._gravel_steps_left = 0
         self._num_steps = 0
         return self._observe(), {}
@@ -131,6 +129,11 @@ class GridWorld:
         reward = TARGET_REWARD if self.column == TARGET_COLUMN else 0.0
         truncated = self._num_steps == MAX_EPISODE_STEPS
         return Step(self._observe(), reward, False, truncated, {})
+
+    def _lay_gravel(self) -> None:
+        # Columns 2 to 9: never where the robot starts, never on the target.
+        self.gravel[1:9] = self._rng.random((8, SIZE)) < GRAVEL_PROBABILITY
+        self.gravel &= ~WALLS
 
     def _move(self, right: int, down: int) -> bool:
         column, row = self.column + right, self.row + down

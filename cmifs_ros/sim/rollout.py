@@ -10,7 +10,9 @@ from .grid_world import GridWorld
 from .policy import sample_action
 
 
-def rollout(scenario: str, num_episodes: int, seed: int) -> list[Episode]:
+def rollout(
+    scenario: str, num_episodes: int, seed: int, make_world: type[GridWorld] = GridWorld
+) -> list[Episode]:
     """Return episodes of 20 steps, the same ones bit for bit for the same seed.
 
     Parameters
@@ -19,10 +21,12 @@ def rollout(scenario: str, num_episodes: int, seed: int) -> list[Episode]:
     num_episodes : int
     seed : int
         Seeds the world and, independently, the policy.
+    make_world : type
+        The world, if it is a variety of it.
 
     """
     world_seed, policy_seed = np.random.SeedSequence(seed).spawn(2)
-    world = GridWorld(scenario, seed=world_seed)
+    world = make_world(scenario, seed=world_seed)
     rng = np.random.default_rng(policy_seed)
     episodes = []
     for _ in range(num_episodes):

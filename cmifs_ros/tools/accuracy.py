@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from . import methods, tasks
+from .alternatives import READINGS
 from .arguments import names_among, number_from, numbers_from
 from .methods import METHODS
 from .parallel_trials import finish
@@ -23,6 +24,8 @@ from .trial_log import TrialLog
 
 #: In the order of the table. The direct port would give what the default gives.
 COLUMNS = ('default', 'paper', 'kdr', 'ennemi', 'sklearn')
+#: Those asked for by default; `with_fixed_gravel` and `READINGS` are other readings of the paper.
+USUAL_TASKS = tuple(name for name in TASKS if name != 'with_fixed_gravel')
 
 
 def available(names: Sequence[str], what_is_missing) -> list[str]:
@@ -36,7 +39,7 @@ def available(names: Sequence[str], what_is_missing) -> list[str]:
 
 def table(results: Results, wanted: Sequence[Trial]) -> str:
     """Return the table; a row is a task with a number of episodes, a column a method."""
-    columns = [method for method in COLUMNS if method in results.methods]
+    columns = [method for method in (*COLUMNS, *READINGS) if method in results.methods]
     rows = []
     for scenario, episodes in dict.fromkeys((t.scenario, t.episodes) for t in wanted):
         cells = (
@@ -80,16 +83,16 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument(
         '--tasks',
         type=names_among(TASKS),
-        default=','.join(TASKS),
+        default=','.join(USUAL_TASKS),
         metavar='NAME,...',
         help='default %(default)s',
     )
     parser.add_argument(
         '--methods',
-        type=names_among(COLUMNS),
+        type=names_among((*COLUMNS, *READINGS)),
         default=','.join(COLUMNS),
         metavar='NAME,...',
-        help='default %(default)s',
+        help=f'default %(default)s; also {",".join(READINGS)}',
     )
     parser.add_argument(
         '--episodes',

@@ -10,6 +10,7 @@ import numpy as np
 
 from cmifs_ros.core import ConditionalMISelector, Episode, KDRSelector
 
+from .alternatives import READINGS, rank_read
 from .direct_port import rank_directly
 from .peers import ESTIMATORS, information_by_channel
 
@@ -21,6 +22,12 @@ METHODS = {
     'ennemi': 'ennemi, a step and a channel at a time',
     'sklearn': 'scikit-learn, a step and a channel at a time',
     'direct_port': 'direct port',
+    'paper_standardized': "'paper', standardised",
+    'paper_program': "'paper', h'alpha/2 - 1/2",
+    'paper_held_out': "'paper', held-out",
+    'paper_held_out_standardized': "'paper', held-out, standardised",
+    'kdr_own_widths': 'KDR, a width for each set',
+    'kdr_scaled': 'KDR, eps times M',
 }
 #: What pip calls the packages that a method of the same name needs.
 _PACKAGES = {'ennemi': 'ennemi', 'sklearn': 'scikit-learn'}
@@ -75,6 +82,9 @@ def rank(
         information = information_by_channel(episodes, estimate)
         best = np.argsort(-information, kind='stable')[:count]
         return Ranking(tuple(best.tolist()), tuple(information[best].tolist()))
+    if method in READINGS:
+        ranking, scores = rank_read(method, episodes, target, seed, count)
+        return Ranking(tuple(ranking), tuple(scores))
     if method == 'direct_port':
         ranking, scores = rank_directly(episodes, count, random_state=seed)
         return Ranking(tuple(ranking), tuple(scores))

@@ -14,6 +14,7 @@ from cmifs_ros.sim import channel_names, rollout, rollout_chain
 from cmifs_ros.sim.chain import CHANNEL_NAMES as CHAIN_NAMES
 from cmifs_ros.sim.grid_world import MAX_EPISODE_STEPS, NUM_CHANNELS
 
+from .alternatives import FixedGravelWorld
 from .distractors import distractor_names, with_distractors
 from .environments import ENVIRONMENTS, rollout_environment
 
@@ -101,6 +102,12 @@ TASKS = {
     ),
     'with_gravel': Task(
         partial(rollout, 'with_gravel'), channel_names('with_gravel'), (0, 1, 2, 3), (0,)
+    ),
+    'with_fixed_gravel': Task(
+        partial(rollout, 'with_gravel', make_world=FixedGravelWorld),
+        channel_names('with_gravel'),
+        (0, 1, 2, 3),
+        (0,),
     ),
     'chain': Task(
         partial(rollout_among_distractors, rollout_chain),
