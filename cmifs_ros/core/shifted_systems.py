@@ -34,15 +34,12 @@ class ShiftedSystems:
     def __init__(
         self, matrices: np.ndarray, rhs: np.ndarray, shifts: np.ndarray, workspace: Workspace
     ):
-        dtype = rhs.dtype
         self._matrices = matrices
-        self._shifts = shifts.astype(dtype)
-        self._norms = np.sqrt(_dot(rhs, rhs))
+        self._shifts = shifts.astype(rhs.dtype)
+        self._remainder = rhs
         self._workspace = workspace
-        self._basis = workspace.array('basis', (0, *rhs.shape), dtype)
-        self._remainder, self._length = rhs, self._norms
-        self._scale = np.zeros_like(self._norms)
-        self._couplings: list[np.ndarray] = []
+        self._basis = workspace.array('basis', (0, *rhs.shape), rhs.dtype)
+        self._couplings: list[np.ndarray] = [_norms(rhs)]
         # LDL' factors of the tridiagonal matrix, which also tell the residual of each system.
         self._pivots: list[np.ndarray] = []
         self._forward: list[np.ndarray] = []
@@ -51,65 +48,54 @@ class ShiftedSystems:
         """Enlarge every Krylov space by so many vectors, as far as there is room."""
         done, (num_problems, size) = len(self._pivots), self._remainder.shape
         total = min(done + num_vectors, size)
-        dtype = self._basis.dtype
-        basis = self._workspace.array('basis', (total, num_problems, size), dtype)
-        if basis.base is not self._basis.base:
+        basis = self._workspace.array('basis', (total, num_problems, size), self._basis.dtype)
+        if basis.base is not self._basis.base:  # The workspace had to make room.
             basis[:done] = self._basis
         self._basis = basis
         for k in range(done, total):
-            vector = self._basis[k]
-            np.divide(self._remainder, np.where(self._length > 0, self._length, 1), out=vector)
-            column = np.matmul(self._matrices, vector[:, :, None])
-            image = column[:, :, 0]
-            diagonal = _dot(vector, image)
-            image -= diagonal * vector
+            length = self._couplings[-1]
+            np.divide(self._remainder, length, out=basis[k])
+            column = np.matmul(self._matrices, basis[k][:, :, None])
+            self._remainder = column[:, :, 0]
+            known = basis[: k + 1].transpose(1, 0, 2)
+            components = np.matmul(known, column)
+            diagonal = components[:, k]
+            self._remainder -= np.matmul(components.transpose(0, 2, 1), known)[:, 0]
+            # Once more, for what rounding left. In a complete Krylov space nothing but rounding
+            # remains; its coupling is as small, and so what it adds to a solution.
+            components = np.matmul(known, column)
+            self._remainder -= np.matmul(components.transpose(0, 2, 1), known)[:, 0]
             if k:
-                image -= self._length * self._basis[k - 1]
-                factor = self._length / self._pivots[-1]
-                self._pivots.append(diagonal + self._shifts - factor * self._length)
+                factor = length / self._pivots[-1]
+                self._pivots.append(diagonal + self._shifts - factor * length)
                 self._forward.append(-factor * self._forward[-1])
             else:
                 self._pivots.append(diagonal + self._shifts)
-                self._forward.append(np.broadcast_to(self._norms, self._pivots[0].shape))
-            known = self._basis[: k + 1].transpose(1, 0, 2)
-            for _ in range(2 if dtype == np.float64 else 1):
-                image -= np.matmul(np.matmul(known, column).transpose(0, 2, 1), known)[:, 0]
-            np.maximum(self._scale, diagonal, out=self._scale)
-            length = np.sqrt(_dot(image, image))
-            # Below rounding the Krylov space is complete: zero vectors then add nothing.
-            complete = length <= 5 * np.finfo(dtype).eps * self._scale
-            image[complete[:, 0]] = 0
-            length[complete] = 0
-            self._remainder, self._length = image, length
-            self._couplings.append(length)
+                self._forward.append(np.broadcast_to(length, self._pivots[0].shape))
+            self._couplings.append(_norms(self._remainder))
 
     def converged(self, rtol: float) -> np.ndarray:
         """Tell where all residuals have norms of at most `rtol` times that of b_p: shape (P,)."""
         if len(self._pivots) == self._remainder.shape[1]:
-            return np.ones(len(self._norms), dtype=bool)
-        residual = self._length * np.abs(self._forward[-1] / self._pivots[-1])
-        return np.all(residual <= rtol * self._norms, axis=1)
+            return np.ones(len(self._remainder), dtype=bool)
+        residual = self._couplings[-1] * np.abs(self._forward[-1] / self._pivots[-1])
+        return np.all(residual <= rtol * self._couplings[0], axis=1)
 
     def solutions(self) -> np.ndarray:
         """Return the best x_pl in the Krylov spaces so far: shape (P, L, B), in the workspace."""
         weights = np.empty((len(self._pivots), *self._pivots[0].shape), self._basis.dtype)
         weights[-1] = self._forward[-1] / self._pivots[-1]
         for i in range(len(weights) - 2, -1, -1):
-            weights[i] = (self._forward[i] - self._couplings[i] * weights[i + 1]) / self._pivots[i]
+            weights[i] = (
+                self._forward[i] - self._couplings[i + 1] * weights[i + 1]
+            ) / self._pivots[i]
         shape = (*weights.shape[1:], self._basis.shape[2])
         out = self._workspace.array('solutions', shape, self._basis.dtype)
         return np.matmul(weights.transpose(1, 2, 0), self._basis.transpose(1, 0, 2), out=out)
 
-    def keep(self, problems: np.ndarray) -> None:
-        """Drop all problems but these indices."""
-        self._matrices = self._matrices[problems]
-        self._norms, self._scale = self._norms[problems], self._scale[problems]
-        self._remainder, self._length = self._remainder[problems], self._length[problems]
-        # A fresh array: what is kept may not lie where the workspace writes.
-        self._basis = self._basis[:, problems]
-        for sequence in (self._couplings, self._pivots, self._forward):
-            sequence[:] = [item[problems] for item in sequence]
 
-
-def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    return np.einsum('pb,pb->p', a, b)[:, None]
+def _norms(vectors: np.ndarray) -> np.ndarray:
+    """Return the norms of (P, B), shape (P, 1), with a trace of a number in the place of 0."""
+    squares = np.einsum('pb,pb->p', vectors, vectors)
+    squares += np.finfo(vectors.dtype).tiny
+    return np.sqrt(squares)[:, None]

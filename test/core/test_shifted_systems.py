@@ -67,19 +67,3 @@ def test_float32_reaches_its_tolerance(size, rank, seed):
     error = np.linalg.norm(coarse - exact, axis=2)
     # A residual of r leaves an error of at most r / lambda.
     assert np.all(error <= 1e-3 * np.linalg.norm(rhs, axis=1)[:, None] / SHIFTS)
-
-
-@given(seed=st.integers(0, 2**32 - 1), first=st.integers(1, 12), step=st.integers(1, 12))
-def test_dropping_problems_on_the_way_does_not_disturb_the_others(seed, first, step):
-    rng = np.random.default_rng(seed)
-    factors = rng.normal(size=(4, 20, 20))
-    matrices = factors @ factors.transpose(0, 2, 1)
-    rhs = rng.normal(size=(4, 20))
-    kept = np.array([1, 3])
-    systems = ShiftedSystems(matrices, rhs, SHIFTS, Workspace())
-    systems.extend(first)
-    systems.keep(kept)
-    while not systems.converged(1e-13).all():
-        systems.extend(step)
-    expected = shifted_solve(matrices[kept], rhs[kept])
-    np.testing.assert_allclose(systems.solutions(), expected, rtol=1e-7, atol=1e-9)
