@@ -11,7 +11,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Header, Int32MultiArray, MultiArrayDimension
 from visualization_msgs.msg import Marker, MarkerArray
 
-from .transitions import RewardSample
+from .transitions import MAX_CHANNELS, RewardSample, listed
 
 NANOSECONDS = 1_000_000_000
 
@@ -28,7 +28,17 @@ def stamp_from_nanoseconds(nanoseconds: int) -> Time:
 
 
 def named_values(msg: JointState) -> tuple[tuple[str, ...], np.ndarray]:
-    """Return the names and the positions of a message, as they are: lengths may differ."""
+    """Return the names and the positions of a message, as they are: lengths may differ.
+
+    Raises
+    ------
+    ValueError
+        If there are more of either than a state may have channels.
+
+    """
+    size = max(len(msg.name), len(msg.position))
+    if size > MAX_CHANNELS:
+        raise ValueError(f'there are {size} names or positions; expected at most {MAX_CHANNELS}')
     return tuple(msg.name), np.array(msg.position, dtype=np.float64)
 
 
@@ -43,7 +53,7 @@ def reward_sample(msg: JointState) -> RewardSample:
     Raises
     ------
     ValueError
-        If lengths differ, `reward` is missing, or a field is not finite.
+        If lengths differ or are too large, `reward` is missing, or a field is not finite.
 
     """
     names, values = named_values(msg)
@@ -51,10 +61,10 @@ def reward_sample(msg: JointState) -> RewardSample:
         raise ValueError(f'{len(values)} positions for {len(names)} names; expected as many')
     fields = dict(zip(names, values.tolist(), strict=True))
     if 'reward' not in fields:
-        raise ValueError(f'fields are {", ".join(names) or "none"}; expected reward among them')
+        raise ValueError(f'fields are {listed(names) or "none"}; expected reward among them')
     for name, value in fields.items():
         if not np.isfinite(value):
-            raise ValueError(f'{name} is {value}; expected a finite number')
+            raise ValueError(f'{listed([name])} is {value}; expected a finite number')
     return RewardSample(
         reward=fields['reward'],
         terminated=_optional(fields.get('terminated'), bool),
