@@ -7,11 +7,12 @@ from collections.abc import Callable
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 
-from rclpy.task import Future
-
 from cmifs_ros.core.selection import Selection, select
 
 from .worker import WorkerProcess
+
+#: Calls that may wait for their answer.
+MAX_WAITING = 1000
 
 
 @dataclass(frozen=True)
@@ -92,8 +93,8 @@ class SelectionQueue:
         self._worker = WorkerProcess()
         self._running: Job | None = None
         self._started_at = 0.0
-        self._joined: list[Future] = []
-        self._waiting: list[Future] = []
+        self._joined: list[Callable[[Outcome], None]] = []
+        self._waiting: list[Callable[[Outcome], None]] = []
 
     @property
     def busy(self) -> bool:
@@ -110,15 +111,16 @@ class SelectionQueue:
         """Process id of the worker, or None when none runs."""
         return self._worker.pid
 
-    def request(self) -> Future:
-        """Ask for a selection; the future gives an `Outcome`."""
-        future = Future()
-        if self.busy and self._running.revision == self._current_revision():
-            self._joined.append(future)
+    def request(self, answer: Callable[[Outcome], None]) -> None:
+        """Ask for a selection; `answer` is called with its outcome."""
+        if len(self._joined) + len(self._waiting) >= MAX_WAITING:
+            reason = f'{MAX_WAITING} calls wait for a selection already'
+            answer(Outcome(error=reason, is_refusal=True))
+        elif self.busy and self._running.revision == self._current_revision():
+            self._joined.append(answer)
         else:
-            self._waiting.append(future)
+            self._waiting.append(answer)
             self._start_next()
-        return future
 
     def poll(self) -> None:
         """Collect a finished selection and start the next one. Never blocks."""
@@ -165,7 +167,7 @@ class SelectionQueue:
         joined, self._joined = self._joined, []
         self._answer(joined, outcome)
 
-    def _answer(self, futures: list[Future], outcome: Outcome) -> None:
+    def _answer(self, answers: list[Callable[[Outcome], None]], outcome: Outcome) -> None:
         outcome = self._on_outcome(outcome)
-        for future in futures:
-            future.set_result(outcome)
+        for answer in answers:
+            answer(outcome)

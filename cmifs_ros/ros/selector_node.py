@@ -8,10 +8,10 @@ import math
 import os
 import time
 from collections import Counter
+from concurrent.futures import Future
 from functools import partial
 
 from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.event_handler import SubscriptionEventCallbacks
@@ -25,6 +25,7 @@ from cmifs_ros.core import Episode, EpisodeBuffer
 from cmifs_ros.core.selection import Selection
 
 from . import conversions, diagnostics, episode_file
+from .deferred_service import answer_later
 from .drift import Drift
 from .episode_file import Saved
 from .episode_saver import EpisodeSaver
@@ -94,21 +95,20 @@ class SelectorNode(Node):
         self._scores_publisher = self.create_publisher(JointState, 'scores', LATCHED_QOS)
         self._state_publisher = self.create_publisher(JointState, 'selected_state', STREAM_QOS)
         self._diagnostics_publisher = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        self._inputs = {}
         for topic, callback in (('state', self._on_state), ('reward', self._on_reward)):
             events = SubscriptionEventCallbacks(
-                incompatible_qos=partial(self._on_incompatible_qos, topic)
+                incompatible_qos=partial(self._on_incompatible_qos, topic),
+                message_lost=partial(self._on_message_lost, topic),
             )
-            self.create_subscription(
+            self._inputs[topic] = self.create_subscription(
                 JointState, topic, callback, STREAM_QOS, event_callbacks=events
             )
-        # A call waits for its selection; in a group of its own it holds up nothing. The usual
-        # depth of 10 would lose calls that come in a burst.
-        self.create_service(
-            Trigger,
-            'select_features',
-            self._on_select_features,
-            qos_profile=STREAM_QOS,
-            callback_group=ReentrantCallbackGroup(),
+        # The usual depth of 10 would lose calls that come in a burst.
+        answer_later(
+            self.create_service(
+                Trigger, 'select_features', self._on_select_features, qos_profile=STREAM_QOS
+            )
         )
         self.create_service(Trigger, '~/clear_episodes', self._on_clear_episodes)
         # Steady time: a simulated clock that stands still must not stop the node.
@@ -161,14 +161,23 @@ class SelectorNode(Node):
         self._keep(self._assembler.add_reward(stamp, sample))
 
     def _on_incompatible_qos(self, topic: str, event) -> None:
-        publishers = self.get_publishers_info_by_topic(topic)
-        nodes = sorted({f'{p.node_namespace.rstrip("/")}/{p.node_name}' for p in publishers})
         policy = qos_policy_name_from_kind(event.last_policy_kind)
         self._incompatible[topic] = (
             f'a publisher of {topic} offers a QoS with which nothing can be received ({policy}); '
-            f'publishers: {listed(nodes)}'
+            f'publishers: {listed(self._publishing_nodes(topic))}'
         )
         self.get_logger().warning(self._incompatible[topic])
+
+    def _on_message_lost(self, topic: str, event) -> None:
+        self._assembler.drop_message(
+            f'lost_{topic}',
+            f'{event.total_count_change} messages of {topic} on their way',
+            count=event.total_count_change,
+        )
+
+    def _publishing_nodes(self, topic: str) -> list[str]:
+        publishers = self.get_publishers_info_by_topic(self._inputs[topic].topic_name)
+        return sorted(f'{p.node_namespace.rstrip("/")}/{p.node_name}' for p in publishers)
 
     def _announce(self, sample: RewardSample) -> None:
         if not sample.marks_ends:
@@ -223,11 +232,16 @@ class SelectorNode(Node):
 
     # --- selections
 
-    async def _on_select_features(self, request, response):
-        outcome = await self._queue.request()
-        response.success = not outcome.error
-        response.message = json.dumps(self._reply(outcome))
-        return response
+    def _on_select_features(self, request, response) -> Future:
+        answer = Future()
+
+        def on_outcome(outcome: Outcome) -> None:
+            response.success = not outcome.error
+            response.message = json.dumps(self._reply(outcome))
+            answer.set_result(response)
+
+        self._queue.request(on_outcome)
+        return answer
 
     def _reply(self, outcome: Outcome) -> dict:
         if outcome.selection is None:
@@ -271,7 +285,7 @@ class SelectorNode(Node):
     def _select_periodically(self) -> None:
         enough = len(self._buffer) >= self._settings['min_episodes']
         if enough and not self._queue.busy and self._revision != self._attempted_revision:
-            self._queue.request()
+            self._queue.request(lambda outcome: None)
 
     def _on_outcome(self, outcome: Outcome) -> Outcome:
         selection = outcome.selection
@@ -426,6 +440,7 @@ class SelectorNode(Node):
         now = time.monotonic()
         silence = {topic: now - last for topic, last in self._last_at.items()}
         recently_warned = now - self._warned_at < 2 * _WARNING_PERIOD
+        rivals = [topic for topic in self._inputs if len(self._publishing_nodes(topic)) > 1]
         if self._incompatible and max(silence.values()) > _SILENCE:
             level, message = diagnostics.WARN, '; '.join(self._incompatible.values())
         elif silence['state'] == math.inf:
@@ -434,6 +449,12 @@ class SelectorNode(Node):
             level, message = diagnostics.STALE, f'no state for {silence["state"]:.0f} s'
         elif silence['reward'] > _SILENCE:
             level, message = diagnostics.WARN, f'states come, but no reward for {_SILENCE:.0f} s'
+        elif rivals:
+            level = diagnostics.WARN
+            message = (
+                f'more than one node publishes {listed(rivals)}, so that episodes may be mixed: '
+                f'{listed(self._publishing_nodes(rivals[0]))}'
+            )
         elif recently_warned:
             level, message = diagnostics.WARN, f'dropping; the last: {assembler.last_drop}'
         else:

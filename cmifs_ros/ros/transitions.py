@@ -140,9 +140,9 @@ class EpisodeAssembler:
         self._rewards[stamp] = sample
         return self._pair(stamp)
 
-    def drop_message(self, cause: str, what: str) -> None:
-        """Count a message that cannot be used."""
-        self.dropped_messages[cause] += 1
+    def drop_message(self, cause: str, what: str, count: int = 1) -> None:
+        """Count a message, or several, that cannot be used."""
+        self.dropped_messages[cause] += count
         self.last_drop = what
 
     def _checked_state(self, names: tuple[str, ...], values: np.ndarray) -> np.ndarray | None:

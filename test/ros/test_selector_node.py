@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import yaml
 from ament_index_python.packages import get_package_share_directory
+from processes import is_running
 from rcl_interfaces.srv import DescribeParameters, ListParameters
 from sensor_msgs.msg import JointState
 
@@ -27,14 +28,6 @@ def small_episodes(count=24, steps=3, seed=0):
         states = rng.normal(size=(steps, 3))
         episodes.append(Episode(states, states[:, 2] + 0.1 * rng.normal(size=steps)))
     return episodes
-
-
-def is_running(pid):
-    """Tell whether a process lives; a zombie does not."""
-    try:
-        return Path(f'/proc/{pid}/stat').read_text().rsplit(')', 1)[1].split()[0] != 'Z'
-    except (FileNotFoundError, ProcessLookupError):
-        return False
 
 
 @pytest.fixture
