@@ -38,6 +38,7 @@ setup(
             'reproduce_paper = cmifs_ros.tools.reproduce_paper:main',
             'selector_node = cmifs_ros.ros.run_node:selector_node',
             'simulator_node = cmifs_ros.ros.run_node:simulator_node',
+            'soak = cmifs_ros.tools.soak:main',
         ],
     },
 )

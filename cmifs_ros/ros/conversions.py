@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from math import isfinite
 
 import numpy as np
 from builtin_interfaces.msg import Time
@@ -36,10 +37,14 @@ def named_values(msg: JointState) -> tuple[tuple[str, ...], np.ndarray]:
         If there are more of either than a state may have channels.
 
     """
+    _check_size(msg)
+    return tuple(msg.name), np.array(msg.position, dtype=np.float64)
+
+
+def _check_size(msg: JointState) -> None:
     size = max(len(msg.name), len(msg.position))
     if size > MAX_CHANNELS:
         raise ValueError(f'there are {size} names or positions; expected at most {MAX_CHANNELS}')
-    return tuple(msg.name), np.array(msg.position, dtype=np.float64)
 
 
 def named_values_to_msg(header: Header, names: Iterable[str], values: Iterable[float]):
@@ -56,14 +61,15 @@ def reward_sample(msg: JointState) -> RewardSample:
         If lengths differ or are too large, `reward` is missing, or a field is not finite.
 
     """
-    names, values = named_values(msg)
+    names, values = msg.name, msg.position
+    _check_size(msg)
     if len(names) != len(values):
         raise ValueError(f'{len(values)} positions for {len(names)} names; expected as many')
-    fields = dict(zip(names, values.tolist(), strict=True))
+    fields = dict(zip(names, values, strict=True))
     if 'reward' not in fields:
         raise ValueError(f'fields are {listed(names) or "none"}; expected reward among them')
     for name, value in fields.items():
-        if not np.isfinite(value):
+        if not isfinite(value):
             raise ValueError(f'{listed([name])} is {value}; expected a finite number')
     return RewardSample(
         reward=fields['reward'],

@@ -43,7 +43,8 @@ class Drift:
         if values.shape[1] != len(self._means):
             return
         with np.errstate(over='ignore', invalid='ignore'):
-            scaled = (values - self._means) / self._spreads
+            # Clipped, that squares stay finite.
+            scaled = np.clip((values - self._means) / self._spreads, -1e6, 1e6)
             self._count += 1
             weight = 1 / min(self._count, self._horizon)
             self._shift += weight * (scaled.mean(axis=0) - self._shift)

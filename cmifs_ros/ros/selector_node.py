@@ -79,6 +79,7 @@ class SelectorNode(Node):
         self._selected_at = -math.inf
         self._filter: StateFilter | None = None
         self._drift: Drift | None = None
+        self._selected_state = JointState()
         self._last_error = ''
         self._last_at = {'state': -math.inf, 'reward': -math.inf}
         self._status_name = self.get_fully_qualified_name().lstrip('/')
@@ -206,16 +207,16 @@ class SelectorNode(Node):
     def _relay(self, msg: JointState) -> None:
         if len(msg.name) != len(msg.position):
             return
+        out = self._selected_state  # One message for all: making one takes as long as sending it.
         if self._filter is not None:
-            names, values = self._filter.names, self._filter.pick(msg.name, msg.position)
+            out.name, values = self._filter.names, self._filter.pick(msg.name, msg.position)
         elif self._settings['pass_through_until_selected']:
-            names, values = msg.name, msg.position
+            out.name, values = msg.name, msg.position
         else:
             return
         if values is not None:
-            self._state_publisher.publish(
-                JointState(header=msg.header, name=names, position=values)
-            )
+            out.header, out.position = msg.header, values
+            self._state_publisher.publish(out)
 
     def _drop_foreign_selection(self) -> None:
         """Return to the beginning if the channels, new after a clear, lack a selected one."""

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import argparse
+import signal
 import sys
 
 import rclpy
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Int32MultiArray
 
@@ -46,23 +48,21 @@ EXECUTORS = {'chosen': make_executor, 'single': SingleThreadedExecutor}
 
 
 def main() -> None:
-    """Run one of them until a signal."""
+    """Run one of them until SIGTERM."""
     parser = argparse.ArgumentParser(prog='bare_nodes', description=__doc__)
     parser.add_argument('node', choices=NODES)
     parser.add_argument('executor', choices=EXECUTORS)
-    rclpy.init()
+    stopping = []
+    signal.signal(signal.SIGTERM, lambda *_: stopping.append(True))
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     options = parser.parse_args(rclpy.utilities.remove_ros_args(sys.argv)[1:])
     executor = EXECUTORS[options.executor]()
     node = NODES[options.node]()
     executor.add_node(node)
-    try:
-        while rclpy.ok():
-            executor.spin_once(0.1)
-    except (KeyboardInterrupt, ExternalShutdownException):
-        pass
-    finally:
-        node.destroy_node()
-        rclpy.try_shutdown()
+    while not stopping:
+        executor.spin_once(0.1)
+    node.destroy_node()
+    rclpy.try_shutdown()
 
 
 if __name__ == '__main__':

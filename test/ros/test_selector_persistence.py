@@ -101,8 +101,9 @@ def test_killed_at_any_moment_at_most_the_unfinished_episode_is_lost(start_selec
         robot.wait_for_episodes(sent)
         for _ in range(3 + attempt):
             stamp = robot.publish_episodes(numbered([sent]), NAMES, begin=stamp)
-            robot.wait_for_episodes(sent + 1)  # heard about, so not unfinished any more
+            robot.wait_for_episodes(sent + 1)
             sent += 1
+        robot.until(lambda sent=sent: path.exists() and len(saved_numbers(path)) == sent)
         robot.publish_state(stamp, NAMES, [999.0, 0.0, 0.0])
         kill(node)
         assert saved_numbers(path) == list(range(sent))
