@@ -19,7 +19,7 @@ import hashlib
 import itertools
 import json
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
@@ -107,18 +107,26 @@ def _write(file: BinaryIO, saved: Saved) -> None:
         'selected_at': saved.selected_at,
     }
     digest = hashlib.sha256()
-    parts = itertools.chain(
-        [_MAGIC + b'%d\n' % VERSION, json.dumps(header).encode() + b'\n'],
-        (
-            np.ascontiguousarray(values, _VALUE).data.cast('B')
-            for episode in saved.episodes
-            for values in (episode.states, episode.rewards)
-        ),
-    )
-    for part in parts:
-        digest.update(part)
-        file.write(part)
+    for chunk in _chunks(json.dumps(header).encode(), saved.episodes):
+        digest.update(chunk)
+        file.write(chunk)
     file.write(digest.digest())
+
+
+def _chunks(header: bytes, episodes: Sequence[Episode]) -> Iterator[bytes]:
+    """Yield the file's content in large pieces.
+
+    To hash and write these leaves the interpreter to other threads, while each small one would
+    take it from them.
+    """
+    parts, size = [_MAGIC + b'%d\n' % VERSION, header, b'\n'], 0
+    for episode in episodes:
+        parts += (np.ascontiguousarray(v, _VALUE).data for v in (episode.states, episode.rewards))
+        size += episode.nbytes
+        if size >= _CHUNK:
+            yield b''.join(parts)
+            parts, size = [], 0
+    yield b''.join(parts)
 
 
 def read(path: str | os.PathLike, max_episodes: int, max_bytes: int) -> Saved:

@@ -384,7 +384,7 @@ class Soak:
                 robot.measured()
                 if is_busy:
                     robot.select_back_to_back()
-                for _ in range(self.count(12)):
+                for _ in range(self.count(12 if is_busy else 6)):
                     for to, process in (('', selector), ('/relay', relay)):
                         used, begin = process.cpu_seconds(), time.monotonic()
                         robot.run(1000, 5000, to)
@@ -502,7 +502,8 @@ class Soak:
 
     def workers(self):
         """Kill the worker, idle and in the middle."""
-        with robot_and(Process.selector(self.folder, selection_period=0.0)) as robot:
+        process = Process.selector(self.folder, selection_period=0.0, num_features=3)
+        with robot_and(process) as robot:
             robot.wait_for('selected_state')
             robot.run(1000, 100 * LENGTH)
             robot.until(lambda: robot.input.get('episodes') == '100', '100 episodes are there')
@@ -664,6 +665,8 @@ def main(arguments: list[str] | None = None) -> int:
         parser.error(f'{", ".join(sorted(unknown))}; expected some of {", ".join(PARTS)}')
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     os.environ.setdefault('ROS_DOMAIN_ID', str(1 + os.getpid() % 100))
+    # Leaves all contexts, and so ends the nodes.
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))
     print('| injected | how often | lost or measured |\n|---|---|---|', flush=True)
     with tempfile.TemporaryDirectory(prefix='cmifs_soak_') as folder:
         soak = Soak(Path(folder), options.scale)
