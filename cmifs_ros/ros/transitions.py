@@ -10,6 +10,7 @@ from array import array
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import takewhile
 
 import numpy as np
 
@@ -57,6 +58,26 @@ class Transition:
         return np.array_equal(content, self.state)
 
 
+class Waiting(dict):
+    """What waits for its partner, by stamp, in the order of arrival.
+
+    That is nearly always the order of the stamps, so that those before another need no search.
+    """
+
+    _is_in_order = True
+
+    def add(self, stamp: int, content) -> None:
+        """Add a message."""
+        self._is_in_order = not self or (self._is_in_order and stamp > next(reversed(self)))
+        self[stamp] = content
+
+    def older_than(self, stamp: int) -> list[int]:
+        """Return the stamps before another."""
+        if self._is_in_order:
+            return list(takewhile(lambda waiting: waiting < stamp, self))
+        return [waiting for waiting in self if waiting < stamp]
+
+
 class EpisodeAssembler:
     """Build episodes from states and rewards that arrive as separate streams.
 
@@ -102,8 +123,8 @@ class EpisodeAssembler:
     def clear(self) -> None:
         """Forget the open episode, all that waits, and the channels; keep the counts."""
         self.channel_names: tuple[str, ...] | None = None
-        self._states: dict[int, np.ndarray] = {}
-        self._rewards: dict[int, RewardSample] = {}
+        self._states = Waiting()
+        self._rewards = Waiting()
         self._recent: dict[int, Transition] = {}
         self._last_paired: int | None = None
         self._forget_open()
@@ -130,14 +151,14 @@ class EpisodeAssembler:
         state = self._checked_state(names, values)
         if state is None or not self._is_new(stamp, state, self._states, 'state'):
             return []
-        self._states[stamp] = state
+        self._states.add(stamp, state)
         return self._pair(stamp)
 
     def add_reward(self, stamp: int, sample: RewardSample) -> list[Episode]:
         """Take a reward; return the episodes that it completes."""
         if not self._is_new(stamp, sample, self._rewards, 'reward'):
             return []
-        self._rewards[stamp] = sample
+        self._rewards.add(stamp, sample)
         return self._pair(stamp)
 
     def drop_message(self, cause: str, what: str, count: int = 1) -> None:
@@ -206,10 +227,10 @@ class EpisodeAssembler:
                 self._discard_reward(old, 'reward_without_state')
             self._recent.clear()
             last = None
-        for old in [s for s in self._states if s < stamp]:
+        for old in self._states.older_than(stamp):
             is_late = last is not None and old <= last
             self._discard_state(old, 'too_late' if is_late else 'state_without_reward')
-        for old in [s for s in self._rewards if s < stamp]:
+        for old in self._rewards.older_than(stamp):
             if last is not None and old <= last:
                 self._discard_reward(old, 'too_late')
                 continue
