@@ -13,9 +13,9 @@ from .episode_file import Saved
 #: Seconds until a failed save is tried again.
 RETRY_PERIOD = 5.0
 #: After a save comes a rest of this many times its duration, but not of more seconds than this:
-#: saving takes at most a tenth of a disk's and a tenth of the interpreter's time.
-_REST = 9
-_LONGEST_REST = 1.0
+#: saving leaves the disk and the interpreter three quarters of the time.
+_REST = 3
+_LONGEST_REST = 0.25
 #: Seconds that the end of the node waits for the last save.
 _LAST_SAVE = 1.0
 

@@ -467,7 +467,7 @@ class Soak:
             sizes, slowest = [], 0.0
             begin = time.monotonic()
             for _ in range(50):
-                robot.run(4000, total // 50 // LENGTH * LENGTH)
+                robot.run(3000, total // 50 // LENGTH * LENGTH)
                 asked = time.monotonic()
                 robot.call(robot.parameters, ListParameters.Request())
                 slowest = max(slowest, time.monotonic() - asked)
