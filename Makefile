@@ -7,6 +7,7 @@ PAPER ?=
 BENCHMARK ?=
 GROWTH ?=
 ACCURACY ?=
+SOAK ?=
 unexport PYTHONDONTWRITEBYTECODE
 # Nothing leaves this machine.
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
@@ -30,11 +31,12 @@ ENTER := . $(VENV)/bin/activate && { [ ! -f install/setup.bash ] || . install/se
 # In the environment's own Python: a colcon outside of it would build for another one.
 COLCON := python -c 'import sys; from colcon_core.command import main; sys.exit(main())'
 
-.PHONY: help demo test paper benchmark growth accuracy lint build clean
+.PHONY: help demo test soak paper benchmark growth accuracy lint build clean
 
 help:
 	@echo 'make demo [SCENARIO=with_gravel]  see it at work: simulator, selector, downstream node'
 	@echo 'make test                         lint, build, and run the whole test suite'
+	@echo 'make soak                         inject faults and load for half an hour; print a table'
 	@echo "make paper [PAPER='--trials 6']    recompute the paper's figures into reproduction/"
 	@echo "make benchmark [BENCHMARK='--trials 3']  time and rank sum: direct port, engine, KDR, peers"
 	@echo "make growth [GROWTH='steps']       time and memory over episodes, steps, channels: growth/"
@@ -49,6 +51,9 @@ test: lint build .venv-oldest/ready
 	$(ENTER) && $(COLCON) test-result --verbose
 	@echo 'core and sim with the oldest NumPy and SciPy, without ROS:'
 	PYTHONPATH= .venv-oldest/bin/python -m pytest -q test/core test/sim
+
+soak: build
+	@$(ENTER) && exec install/cmifs_ros/lib/cmifs_ros/soak $(SOAK)
 
 paper: build
 	@$(ENTER) && exec install/cmifs_ros/lib/cmifs_ros/reproduce_paper $(PAPER)

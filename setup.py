@@ -11,7 +11,7 @@ setup(
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{package_name}']),
         (f'share/{package_name}', ['package.xml']),
-        (f'share/{package_name}/config', glob('config/*.yaml')),
+        (f'share/{package_name}/config', glob('config/*')),
         (f'share/{package_name}/launch', glob('launch/*.launch.xml')),
     ],
     python_requires='>=3.10',
@@ -43,6 +43,7 @@ setup(
             'reproduce_paper = cmifs_ros.tools.reproduce_paper:main',
             'selector_node = cmifs_ros.ros.run_node:selector_node',
             'simulator_node = cmifs_ros.ros.run_node:simulator_node',
+            'soak = cmifs_ros.tools.soak:main',
         ],
     },
 )

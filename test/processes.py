@@ -14,3 +14,11 @@ def group(leader):
         if fields[0] != 'Z' and int(fields[2]) == leader:
             found.append(int(stat.parent.name))
     return found
+
+
+def is_running(pid):
+    """Tell whether a process lives; a zombie does not."""
+    try:
+        return Path(f'/proc/{pid}/stat').read_text().rsplit(')', 1)[1].split()[0] != 'Z'
+    except (FileNotFoundError, ProcessLookupError):
+        return False

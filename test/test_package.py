@@ -102,6 +102,7 @@ def test_installed_data_files_are_where_ros_looks_for_them():
         'lib/cmifs_ros/reproduce_paper',
         'lib/cmifs_ros/selector_node',
         'lib/cmifs_ros/simulator_node',
+        'lib/cmifs_ros/soak',
     ):
         assert (prefix / path).is_file(), path
 

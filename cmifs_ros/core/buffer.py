@@ -1,4 +1,4 @@
-"""The newest episodes, bounded in number."""
+"""The newest episodes, bounded in number and in memory."""
 
 from __future__ import annotations
 
@@ -8,22 +8,28 @@ from .episode import Episode
 
 
 class EpisodeBuffer:
-    """Keep the newest `max_episodes` episodes; an older one leaves when a new one comes.
+    """Keep the newest episodes; the oldest leave when there is no room for a new one.
 
     Parameters
     ----------
     max_episodes : int
         Greatest number of episodes held, at least 1.
+    max_bytes : int, optional
+        Greatest size of their arrays, at least 1; None sets no bound.
 
     Raises
     ------
     ValueError
-        If `max_episodes` is below 1.
+        If a bound is below 1.
 
     """
 
-    def __init__(self, max_episodes: int = 100):
-        self._episodes: deque[Episode] = deque(maxlen=_checked(max_episodes))
+    def __init__(self, max_episodes: int = 100, max_bytes: int | None = None):
+        self._episodes: deque[Episode] = deque()
+        self._num_steps = 0
+        self._nbytes = 0
+        self._max_episodes = _checked('max_episodes', max_episodes)
+        self.max_bytes = max_bytes
 
     def __len__(self) -> int:
         """Return the number of episodes held."""
@@ -32,21 +38,32 @@ class EpisodeBuffer:
     @property
     def max_episodes(self) -> int:
         """Greatest number of episodes held; the oldest leave when it is lowered."""
-        return self._episodes.maxlen
+        return self._max_episodes
 
     @max_episodes.setter
     def max_episodes(self, value: int) -> None:
-        self._episodes = deque(self._episodes, maxlen=_checked(value))
+        self._max_episodes = _checked('max_episodes', value)
+        self._make_room(0, 0)
+
+    @property
+    def max_bytes(self) -> int | None:
+        """Greatest size of the episodes' arrays; the oldest leave when it is lowered."""
+        return self._max_bytes
+
+    @max_bytes.setter
+    def max_bytes(self, value: int | None) -> None:
+        self._max_bytes = None if value is None else _checked('max_bytes', value)
+        self._make_room(0, 0)
 
     @property
     def num_steps(self) -> int:
         """Number of steps held, summed over the episodes."""
-        return sum(map(len, self._episodes))
+        return self._num_steps
 
     @property
     def nbytes(self) -> int:
         """Memory held by the episodes' arrays, in bytes."""
-        return sum(episode.nbytes for episode in self._episodes)
+        return self._nbytes
 
     def append(self, episode: Episode) -> None:
         """Add one episode.
@@ -54,7 +71,8 @@ class EpisodeBuffer:
         Raises
         ------
         ValueError
-            If its number of channels differs from that of the episodes held.
+            If its number of channels differs from that of the episodes held, or if it is
+            larger than `max_bytes`.
 
         """
         if self._episodes and episode.num_channels != self._episodes[0].num_channels:
@@ -62,18 +80,35 @@ class EpisodeBuffer:
                 f'the episode has {episode.num_channels} channels; '
                 f'expected {self._episodes[0].num_channels} as in the episodes held'
             )
+        if self.max_bytes is not None and episode.nbytes > self.max_bytes:
+            raise ValueError(
+                f'the episode has {episode.nbytes} bytes; expected at most {self.max_bytes}'
+            )
+        self._make_room(1, episode.nbytes)
         self._episodes.append(episode)
+        self._num_steps += len(episode)
+        self._nbytes += episode.nbytes
 
     def clear(self) -> None:
         """Forget all episodes."""
         self._episodes.clear()
+        self._num_steps = self._nbytes = 0
 
     def snapshot(self) -> tuple[Episode, ...]:
         """Return the episodes held now, oldest first; later changes do not touch it."""
         return tuple(self._episodes)
 
+    def _make_room(self, num_episodes: int, nbytes: int) -> None:
+        while self._episodes and (
+            len(self._episodes) + num_episodes > self.max_episodes
+            or (self.max_bytes is not None and self._nbytes + nbytes > self.max_bytes)
+        ):
+            oldest = self._episodes.popleft()
+            self._num_steps -= len(oldest)
+            self._nbytes -= oldest.nbytes
 
-def _checked(max_episodes: int) -> int:
-    if max_episodes < 1:
-        raise ValueError(f'max_episodes is {max_episodes}; expected at least 1')
-    return int(max_episodes)
+
+def _checked(name: str, value: int) -> int:
+    if value < 1:
+        raise ValueError(f'{name} is {value}; expected at least 1')
+    return int(value)

@@ -6,6 +6,8 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from .episode import Episode
 from .selector import ConditionalMISelector, KDRSelector
 
@@ -30,6 +32,8 @@ class Selection:
         Size of the data it rests on.
     seconds : float
         Computing time.
+    means, spreads : tuple of float
+        Mean and standard deviation of each channel, and last of the reward, in those data.
 
     """
 
@@ -40,6 +44,8 @@ class Selection:
     episodes: int
     steps: int
     seconds: float
+    means: tuple[float, ...] = ()
+    spreads: tuple[float, ...] = ()
 
 
 def select(
@@ -48,6 +54,9 @@ def select(
     """Fit the selector of a method, with the given settings, and return what it found."""
     start = time.perf_counter()
     selector = METHODS[method](**settings).fit(episodes, names=channel_names)
+    samples = np.concatenate([np.column_stack([e.states, e.rewards]) for e in episodes])
+    with np.errstate(over='ignore', invalid='ignore'):  # Huge values: their spread is inf.
+        means, spreads = samples.mean(axis=0), samples.std(axis=0)
     return Selection(
         indices=tuple(selector.get_support(indices=True).tolist()),
         names=tuple(selector.get_feature_names_out()),
@@ -56,4 +65,6 @@ def select(
         episodes=len(episodes),
         steps=sum(map(len, episodes)),
         seconds=time.perf_counter() - start,
+        means=tuple(means.tolist()),
+        spreads=tuple(spreads.tolist()),
     )

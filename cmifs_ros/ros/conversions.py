@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from math import isfinite
 
 import numpy as np
 from builtin_interfaces.msg import Time
@@ -11,7 +12,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Header, Int32MultiArray, MultiArrayDimension
 from visualization_msgs.msg import Marker, MarkerArray
 
-from .transitions import RewardSample
+from .transitions import MAX_CHANNELS, RewardSample, listed
 
 NANOSECONDS = 1_000_000_000
 
@@ -28,8 +29,22 @@ def stamp_from_nanoseconds(nanoseconds: int) -> Time:
 
 
 def named_values(msg: JointState) -> tuple[tuple[str, ...], np.ndarray]:
-    """Return the names and the positions of a message, as they are: lengths may differ."""
+    """Return the names and the positions of a message, as they are: lengths may differ.
+
+    Raises
+    ------
+    ValueError
+        If there are more of either than a state may have channels.
+
+    """
+    _check_size(msg)
     return tuple(msg.name), np.array(msg.position, dtype=np.float64)
+
+
+def _check_size(msg: JointState) -> None:
+    size = max(len(msg.name), len(msg.position))
+    if size > MAX_CHANNELS:
+        raise ValueError(f'there are {size} names or positions; expected at most {MAX_CHANNELS}')
 
 
 def named_values_to_msg(header: Header, names: Iterable[str], values: Iterable[float]):
@@ -43,18 +58,19 @@ def reward_sample(msg: JointState) -> RewardSample:
     Raises
     ------
     ValueError
-        If lengths differ, `reward` is missing, or a field is not finite.
+        If lengths differ or are too large, `reward` is missing, or a field is not finite.
 
     """
-    names, values = named_values(msg)
+    names, values = msg.name, msg.position
+    _check_size(msg)
     if len(names) != len(values):
         raise ValueError(f'{len(values)} positions for {len(names)} names; expected as many')
-    fields = dict(zip(names, values.tolist(), strict=True))
+    fields = dict(zip(names, values, strict=True))
     if 'reward' not in fields:
-        raise ValueError(f'fields are {", ".join(names) or "none"}; expected reward among them')
+        raise ValueError(f'fields are {listed(names) or "none"}; expected reward among them')
     for name, value in fields.items():
-        if not np.isfinite(value):
-            raise ValueError(f'{name} is {value}; expected a finite number')
+        if not isfinite(value):
+            raise ValueError(f'{listed([name])} is {value}; expected a finite number')
     return RewardSample(
         reward=fields['reward'],
         terminated=_optional(fields.get('terminated'), bool),

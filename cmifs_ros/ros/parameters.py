@@ -29,6 +29,8 @@ class Spec:
         Least and greatest value.
     choices : sequence of str, optional
         Allowed values.
+    read_only : bool
+        It can be set at the start only.
 
     """
 
@@ -37,10 +39,11 @@ class Spec:
     description: str
     limits: tuple[float, float] | None = None
     choices: Sequence[str] | None = None
+    read_only: bool = False
 
     def descriptor(self) -> ParameterDescriptor:
         """Return the descriptor that `ros2 param describe` shows."""
-        descriptor = ParameterDescriptor(description=self.description)
+        descriptor = ParameterDescriptor(description=self.description, read_only=self.read_only)
         if self.limits is not None and isinstance(self.default, int):
             low, high = self.limits
             descriptor.integer_range = [IntegerRange(from_value=low, to_value=high, step=1)]

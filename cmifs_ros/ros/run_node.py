@@ -30,10 +30,8 @@ def run_node(module: str, name: str) -> int:
     """
     _on_signals(lambda *_: os._exit(0))
     import rclpy
-    from rclpy.clock import Clock
-    from rclpy.clock_type import ClockType
     from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
-    from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+    from rclpy.executors import ExternalShutdownException
     from rclpy.signals import SignalHandlerOptions
 
     stopping = False
@@ -52,14 +50,10 @@ def run_node(module: str, name: str) -> int:
     node = None
     try:
         node = make_node()
-        # The executor returns after each callback, so this also bounds the wait for one.
-        node.create_timer(
-            _SIGNAL_PERIOD, lambda: None, clock=Clock(clock_type=ClockType.STEADY_TIME)
-        )
-        executor = SingleThreadedExecutor()
+        executor = make_executor()
         executor.add_node(node)
         while not stopping:
-            executor.spin_once()
+            executor.spin_once(_SIGNAL_PERIOD)
     except ExternalShutdownException:
         pass
     except (ValueError, InvalidParameterTypeException, InvalidParameterValueException) as error:
@@ -72,6 +66,21 @@ def run_node(module: str, name: str) -> int:
             node.destroy_node()
         rclpy.try_shutdown()
     return 0
+
+
+def make_executor(context=None):
+    """Return the executor that costs least: docs/reliability.md has the comparison.
+
+    It wants to be spun with a timeout: without one the `EventsExecutor` of rclpy 7.1.6 waits with
+    the interpreter locked. rclpy has it since 7.1.4.
+    """
+    try:
+        from rclpy.experimental.events_executor import EventsExecutor
+    except ImportError:
+        from rclpy.executors import SingleThreadedExecutor
+
+        return SingleThreadedExecutor(context=context)
+    return EventsExecutor(context=context)
 
 
 def _on_signals(handler) -> None:

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 
-from rclpy.task import Future
-
 from cmifs_ros.core.selection import Selection, select
 
 from .worker import WorkerProcess
+
+#: Calls that may wait for their answer.
+MAX_WAITING = 1000
 
 
 @dataclass(frozen=True)
@@ -71,7 +73,9 @@ class SelectionQueue:
     current_revision : callable
         Returns the revision that `make_job` would put on a job now.
     on_outcome : callable
-        Called with each outcome, before those who asked for it get it.
+        Called with each outcome; what it returns is what those who asked for it get.
+    timeout : float
+        Seconds after which a selection is given up; 0: never.
 
     """
 
@@ -79,15 +83,18 @@ class SelectionQueue:
         self,
         make_job: Callable[[], Job],
         current_revision: Callable[[], int],
-        on_outcome: Callable[[Outcome], None],
+        on_outcome: Callable[[Outcome], Outcome],
+        timeout: float,
     ):
         self._make_job = make_job
         self._current_revision = current_revision
         self._on_outcome = on_outcome
+        self.timeout = timeout
         self._worker = WorkerProcess()
         self._running: Job | None = None
-        self._joined: list[Future] = []
-        self._waiting: list[Future] = []
+        self._started_at = 0.0
+        self._joined: list[Callable[[Outcome], None]] = []
+        self._waiting: list[Callable[[Outcome], None]] = []
 
     @property
     def busy(self) -> bool:
@@ -95,19 +102,25 @@ class SelectionQueue:
         return self._worker.busy
 
     @property
+    def running_for(self) -> float:
+        """Seconds since the selection under way was started; 0 if there is none."""
+        return time.monotonic() - self._started_at if self.busy else 0.0
+
+    @property
     def worker_pid(self) -> int | None:
         """Process id of the worker, or None when none runs."""
         return self._worker.pid
 
-    def request(self) -> Future:
-        """Ask for a selection; the future gives an `Outcome`."""
-        future = Future()
-        if self.busy and self._running.revision == self._current_revision():
-            self._joined.append(future)
+    def request(self, answer: Callable[[Outcome], None]) -> None:
+        """Ask for a selection; `answer` is called with its outcome."""
+        if len(self._joined) + len(self._waiting) >= MAX_WAITING:
+            reason = f'{MAX_WAITING} calls wait for a selection already'
+            answer(Outcome(error=reason, is_refusal=True))
+        elif self.busy and self._running.revision == self._current_revision():
+            self._joined.append(answer)
         else:
-            self._waiting.append(future)
+            self._waiting.append(answer)
             self._start_next()
-        return future
 
     def poll(self) -> None:
         """Collect a finished selection and start the next one. Never blocks."""
@@ -121,8 +134,11 @@ class SelectionQueue:
                 outcome = Outcome(error=reason, generation=generation)
             else:
                 outcome = Outcome(error=str(error), generation=generation)
-            joined, self._joined = self._joined, []
-            self._answer(joined, outcome)
+            self._finish(outcome)
+        elif self.busy and 0 < self.timeout < self.running_for:
+            self._worker.stop()
+            reason = f'the selection took longer than {self.timeout:g} s (selection_timeout)'
+            self._finish(Outcome(error=reason, generation=self._running.generation))
         self._start_next()
 
     def stop(self) -> None:
@@ -145,8 +161,13 @@ class SelectionQueue:
             self._answer(waiting, Outcome(error=reason, generation=job.generation))
             return
         self._running, self._joined = job, waiting
+        self._started_at = time.monotonic()
 
-    def _answer(self, futures: list[Future], outcome: Outcome) -> None:
-        self._on_outcome(outcome)
-        for future in futures:
-            future.set_result(outcome)
+    def _finish(self, outcome: Outcome) -> None:
+        joined, self._joined = self._joined, []
+        self._answer(joined, outcome)
+
+    def _answer(self, answers: list[Callable[[Outcome], None]], outcome: Outcome) -> None:
+        outcome = self._on_outcome(outcome)
+        for answer in answers:
+            answer(outcome)

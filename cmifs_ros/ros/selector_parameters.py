@@ -25,9 +25,18 @@ PARAMETERS = (
     Spec('sensor_groups', '',
          'Sensors of several channels, selected as a whole: "pose=x,y; lidar=l0,l1,l2".'),
     Spec('min_episodes', 20, 'Episodes needed for a selection.', (2, 100_000)),
-    Spec('max_episodes', 100, 'Episodes kept; the oldest leave first.', (2, 100_000)),
+    Spec('max_episodes', 100,
+         'Episodes kept, at least min_episodes of them; the oldest leave first.', (2, 100_000)),
     Spec('max_episode_steps', 1000, 'A longer episode is closed at this step.', (1, 1_000_000)),
+    Spec('max_buffer_mb', 256,
+         'Memory of the episodes kept, in units of 10^6 bytes; the oldest leave first.',
+         (1, 16_384)),
+    Spec('episodes_path', '',
+         'File that brings the episodes and the selection back after a restart; empty: none.',
+         read_only=True),
     Spec('selection_period', 30.0, 'Seconds between selections; 0 selects by service only.',
+         (0, 1e6)),
+    Spec('selection_timeout', 600.0, 'Seconds after which a selection is given up; 0: never.',
          (0, 1e6)),
     Spec('max_time_bins', 32, 'Longer episodes have neighbouring steps pooled; 0 never pools.',
          (0, 10_000)),
@@ -41,17 +50,13 @@ PARAMETERS = (
 #: The parameters that a selection depends on.
 SELECTION_PARAMETERS = {
     'method', 'kdr_target', 'num_features', 'gamma', 'criterion', 'standardize', 'direction',
-    'sensor_groups', 'max_episodes', 'max_time_bins', 'random_state',
+    'sensor_groups', 'min_episodes', 'max_episodes', 'max_buffer_mb', 'max_time_bins',
+    'random_state',
 }  # fmt: skip
 
 
 def check_parameters(values: dict) -> None:
     """Raise ValueError if the parameters cannot be used together."""
-    if values['min_episodes'] > values['max_episodes']:
-        raise ValueError(
-            f'min_episodes is {values["min_episodes"]} and max_episodes {values["max_episodes"]}; '
-            'expected min_episodes <= max_episodes'
-        )
     if 0 < values['selection_period'] < LEAST_PERIOD:
         raise ValueError(
             f'selection_period is {values["selection_period"]:g}; expected 0 or at least '

@@ -6,8 +6,11 @@ that the node can report it and nothing disappears silently.
 
 from __future__ import annotations
 
+from array import array
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import takewhile
 
 import numpy as np
 
@@ -15,6 +18,9 @@ from cmifs_ros.core import Episode
 
 #: States or rewards that wait for their partner; as many as the subscriptions queue.
 MAX_PENDING = 1000
+#: Greatest number of channels, and of characters of a name.
+MAX_CHANNELS = 4096
+MAX_NAME_LENGTH = 256
 
 
 @dataclass(frozen=True)
@@ -52,6 +58,26 @@ class Transition:
         return np.array_equal(content, self.state)
 
 
+class Waiting(dict):
+    """What waits for its partner, by stamp, in the order of arrival.
+
+    That is nearly always the order of the stamps, so that those before another need no search.
+    """
+
+    _is_in_order = True
+
+    def add(self, stamp: int, content) -> None:
+        """Add a message."""
+        self._is_in_order = not self or (self._is_in_order and stamp > next(reversed(self)))
+        self[stamp] = content
+
+    def older_than(self, stamp: int) -> list[int]:
+        """Return the stamps before another."""
+        if self._is_in_order:
+            return list(takewhile(lambda waiting: waiting < stamp, self))
+        return [waiting for waiting in self if waiting < stamp]
+
+
 class EpisodeAssembler:
     """Build episodes from states and rewards that arrive as separate streams.
 
@@ -65,6 +91,8 @@ class EpisodeAssembler:
     ----------
     max_episode_steps : int
         An episode that reaches this length is closed there as truncated.
+    max_episode_bytes : int, optional
+        So is one whose arrays would become larger than this; at least 1 MB.
 
     Attributes
     ----------
@@ -78,12 +106,13 @@ class EpisodeAssembler:
     last_drop : str
         The most recent of them, in words.
     num_cut : int
-        Episodes closed at `max_episode_steps`.
+        Episodes closed at `max_episode_steps` or `max_episode_bytes`.
 
     """
 
-    def __init__(self, max_episode_steps: int):
+    def __init__(self, max_episode_steps: int, max_episode_bytes: int = 2**62):
         self.max_episode_steps = max_episode_steps
+        self.max_episode_bytes = max_episode_bytes
         self.num_transitions = 0
         self.num_cut = 0
         self.dropped_messages: Counter[str] = Counter()
@@ -94,11 +123,11 @@ class EpisodeAssembler:
     def clear(self) -> None:
         """Forget the open episode, all that waits, and the channels; keep the counts."""
         self.channel_names: tuple[str, ...] | None = None
-        self._states: dict[int, np.ndarray] = {}
-        self._rewards: dict[int, RewardSample] = {}
+        self._states = Waiting()
+        self._rewards = Waiting()
         self._recent: dict[int, Transition] = {}
         self._last_paired: int | None = None
-        self._open: list[Transition] = []
+        self._forget_open()
         self._previous: RewardSample | None = None
         self._skipping = False
         self._was_cut = False
@@ -122,19 +151,19 @@ class EpisodeAssembler:
         state = self._checked_state(names, values)
         if state is None or not self._is_new(stamp, state, self._states, 'state'):
             return []
-        self._states[stamp] = state
+        self._states.add(stamp, state)
         return self._pair(stamp)
 
     def add_reward(self, stamp: int, sample: RewardSample) -> list[Episode]:
         """Take a reward; return the episodes that it completes."""
         if not self._is_new(stamp, sample, self._rewards, 'reward'):
             return []
-        self._rewards[stamp] = sample
+        self._rewards.add(stamp, sample)
         return self._pair(stamp)
 
-    def drop_message(self, cause: str, what: str) -> None:
-        """Count a message that cannot be used."""
-        self.dropped_messages[cause] += 1
+    def drop_message(self, cause: str, what: str, count: int = 1) -> None:
+        """Count a message, or several, that cannot be used."""
+        self.dropped_messages[cause] += count
         self.last_drop = what
 
     def _checked_state(self, names: tuple[str, ...], values: np.ndarray) -> np.ndarray | None:
@@ -144,10 +173,9 @@ class EpisodeAssembler:
             )
             return None
         if self.channel_names is None:
-            if '' in names or len(set(names)) < len(names):
-                self.drop_message(
-                    'wrong_channels', f'a state has empty or repeated names: {", ".join(names)}'
-                )
+            problem = problem_of_names(names)
+            if problem:
+                self.drop_message('wrong_channels', f'a state has {problem}')
                 return None
         elif names != self.channel_names:
             if len(names) != len(self.channel_names) or set(names) != set(self.channel_names):
@@ -155,7 +183,7 @@ class EpisodeAssembler:
                 self.drop_message(
                     'wrong_channels',
                     f'a state differs from the {len(self.channel_names)} known channels '
-                    f'by {", ".join(odd)}',
+                    f'by {listed(odd)}',
                 )
                 return None
             values = values[[names.index(name) for name in self.channel_names]]
@@ -164,7 +192,7 @@ class EpisodeAssembler:
             bad = int(np.argmin(finite))
             self.drop_message(
                 'not_finite',
-                f'channel {(self.channel_names or names)[bad]} is {values[bad]}',
+                f'channel {listed([(self.channel_names or names)[bad]])} is {values[bad]}',
             )
             return None
         if self.channel_names is None:
@@ -199,10 +227,10 @@ class EpisodeAssembler:
                 self._discard_reward(old, 'reward_without_state')
             self._recent.clear()
             last = None
-        for old in [s for s in self._states if s < stamp]:
+        for old in self._states.older_than(stamp):
             is_late = last is not None and old <= last
             self._discard_state(old, 'too_late' if is_late else 'state_without_reward')
-        for old in [s for s in self._rewards if s < stamp]:
+        for old in self._rewards.older_than(stamp):
             if last is not None and old <= last:
                 self._discard_reward(old, 'too_late')
                 continue
@@ -231,17 +259,18 @@ class EpisodeAssembler:
         self._previous = sample
         completed = []
         if previous is not None and sample.episode != previous.episode:
-            if self._open and previous.marks_ends:
+            if self._open_rewards and previous.marks_ends:
                 self._break_episode('lost_end', f'episode {previous.episode} ended unseen')
-            elif self._open:
+            elif self._open_rewards:
                 completed.append(self._close())
             self._skipping = False
             self._was_cut = False
-        if self._open and not _follows(sample, previous):
+        if self._open_rewards and not _follows(sample, previous):
             self._break_episode('step_gap', f'step {sample.step} came after step {previous.step}')
 
-        if self._open or self._may_begin(sample, previous):
-            self._open.append(transition)
+        if self._open_rewards or self._may_begin(sample, previous):
+            self._open_states.frombytes(transition.state.tobytes())
+            self._open_rewards.append(sample.reward)
             self._skipping = self._was_cut = False
         elif not self._skipping:
             self._break_episode(
@@ -249,10 +278,10 @@ class EpisodeAssembler:
             )
 
         if sample.ends_episode:
-            if self._open:
+            if self._open_rewards:
                 completed.append(self._close())
             self._skipping = False
-        elif len(self._open) >= self.max_episode_steps:
+        elif self._is_full(len(transition.state) + 1):
             completed.append(self._close())
             self._was_cut = True
             self.num_cut += 1
@@ -269,16 +298,41 @@ class EpisodeAssembler:
         if not self._skipping:
             self.dropped_episodes[cause] += 1
             self.last_drop = what
-        self._open = []
+        self._forget_open()
         self._skipping = True
         self._was_cut = False
 
+    def _is_full(self, num_values: int) -> bool:
+        steps = len(self._open_rewards)
+        is_too_large = (steps + 1) * num_values * 8 > self.max_episode_bytes
+        return steps >= self.max_episode_steps or (steps > 0 and is_too_large)
+
     def _close(self) -> Episode:
-        episode = Episode(
-            np.stack([t.state for t in self._open]), [t.sample.reward for t in self._open]
-        )
-        self._open = []
+        rewards = np.array(self._open_rewards)
+        episode = Episode(np.array(self._open_states).reshape(len(rewards), -1), rewards)
+        self._forget_open()
         return episode
+
+    def _forget_open(self) -> None:
+        self._open_states, self._open_rewards = array('d'), array('d')
+
+
+def problem_of_names(names: Sequence[str]) -> str:
+    """Return what makes names unfit for channels, or nothing."""
+    if len(names) > MAX_CHANNELS:
+        return f'{len(names)} channels; expected at most {MAX_CHANNELS}'
+    if not all(0 < len(name) <= MAX_NAME_LENGTH for name in names):
+        return f'an empty name or one of more than {MAX_NAME_LENGTH} characters: {listed(names)}'
+    if len(set(names)) < len(names):
+        return f'repeated names: {listed(names)}'
+    return ''
+
+
+def listed(names: Sequence[str]) -> str:
+    """Return names as a text that stays short, however many and long they are."""
+    shown = [name if len(name) <= 32 else f'{name[:30]}..' for name in names[:8]]
+    more = [f'{len(names) - 8} more'] if len(names) > 8 else []
+    return ', '.join(shown + more)
 
 
 def _follows(sample: RewardSample, previous: RewardSample) -> bool:

@@ -50,9 +50,11 @@ class WorkerProcess:
         """
         if self.busy:
             raise RuntimeError('a job is under way; collect its outcome first')
+        if self.pid is None:  # None has run yet, or it died while it was idle.
+            self.stop()
         try:
             self._future = self._submit(function, *args)
-        except BrokenProcessPool:  # The process died while it was idle.
+        except BrokenProcessPool:  # It died just now.
             self.stop()
             self._future = self._submit(function, *args)
 

@@ -79,3 +79,19 @@ def test_buffer_refuses_other_channels_and_sizes_and_keeps_what_it_has():
     with pytest.raises(ValueError, match='max_episodes is 0'):
         buffer.max_episodes = 0
     assert len(buffer) == 1
+
+
+def test_buffer_is_bounded_in_memory_too():
+    size = episode().nbytes
+    buffer = EpisodeBuffer(max_episodes=9, max_bytes=2 * size + 1)
+    for value in range(4):
+        buffer.append(episode(value=value))
+    assert [e.states[0, 0] for e in buffer.snapshot()] == [2, 3]
+    assert (buffer.nbytes, buffer.num_steps) == (2 * size, 6)
+    with pytest.raises(ValueError, match=f'expected at most {2 * size + 1}'):
+        buffer.append(Episode(np.zeros((100, 2)), np.zeros(100)))
+    assert len(buffer) == 2
+    buffer.max_bytes = size
+    assert [e.states[0, 0] for e in buffer.snapshot()] == [3]
+    with pytest.raises(ValueError, match='max_bytes is 0'):
+        buffer.max_bytes = 0

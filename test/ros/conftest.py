@@ -104,14 +104,28 @@ class RunningNode:
 
 
 @pytest.fixture
-def robot(domain):
-    """Return a node of the test's own in the same domain."""
-    context = rclpy.Context()
-    rclpy.init(context=context, domain_id=domain)
-    made = Robot(context)
-    yield made
-    made.node.destroy_node()
-    rclpy.shutdown(context=context)
+def make_robot(domain):
+    """Return a function that makes nodes of the test's own in the same domain.
+
+    After a node was killed, a new one knows the living alone.
+    """
+    made = []
+
+    def make():
+        context = rclpy.Context()
+        rclpy.init(context=context, domain_id=domain)
+        made.append(Robot(context))
+        return made[-1]
+
+    yield make
+    for robot in made:
+        robot.node.destroy_node()
+        rclpy.shutdown(context=robot.node.context)
+
+
+@pytest.fixture
+def robot(make_robot):
+    return make_robot()
 
 
 class Robot:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import yaml
 from ament_index_python.packages import get_package_share_directory
+from processes import is_running
 from rcl_interfaces.srv import DescribeParameters, ListParameters
 from sensor_msgs.msg import JointState
 
@@ -27,14 +28,6 @@ def small_episodes(count=24, steps=3, seed=0):
         states = rng.normal(size=(steps, 3))
         episodes.append(Episode(states, states[:, 2] + 0.1 * rng.normal(size=steps)))
     return episodes
-
-
-def is_running(pid):
-    """Tell whether a process lives; a zombie does not."""
-    try:
-        return Path(f'/proc/{pid}/stat').read_text().rsplit(')', 1)[1].split()[0] != 'Z'
-    except (FileNotFoundError, ProcessLookupError):
-        return False
 
 
 @pytest.fixture
@@ -249,7 +242,6 @@ def test_rewards_alone_are_enough_and_what_they_lack_is_said_once(start, robot):
         ('gamma', 'high', 'type'),
         ('criterion', 'x', "criterion is 'x'; expected one of held_out, plug_in"),
         ('direction', 'up', "direction is 'up'; expected one of forward, backward"),
-        ('min_episodes', 200, 'expected min_episodes <= max_episodes'),
         ('max_episodes', 1, 'out of range'),
         ('num_features', -1, 'out of range'),
         ('selection_period', 1e-9, 'selection_period is 1e-09; expected 0 or at least 0.1 s'),
@@ -274,6 +266,45 @@ def test_accepted_parameters_take_effect_while_running(selector, robot):
     assert robot.set_parameter('num_features', 9).successful
     answer = json.loads(robot.call(robot.select_client).message)
     assert answer['error'] == 'num_features is 9; expected 1 to 2, the number of sensors, or None'
+
+
+@pytest.mark.parametrize('order', [1, -1])
+def test_bounds_can_be_loaded_in_any_order_and_enough_is_kept_for_a_selection(
+    selector, robot, order
+):
+    for name, value in [('min_episodes', 12), ('max_episodes', 11)][::order]:
+        assert robot.set_parameter(name, value).successful
+    robot.publish_episodes(small_episodes(14), NAMES)
+    robot.wait_for_episodes(12)
+    assert robot.call(robot.select_client).success
+    for name, value in [('min_episodes', 150), ('max_episodes', 200)][::order]:
+        assert robot.set_parameter(name, value).successful
+
+
+def test_memory_is_bounded_and_an_episode_that_would_exceed_it_is_closed(start, robot):
+    start('selector_node', selection_period=0.0, max_buffer_mb=1, max_episode_steps=1_000_000)
+    robot.wait_for_selector()
+    names = [f'c{i}' for i in range(1000)]
+    (endless,) = small_episodes(1, steps=400)
+    endless = Episode(np.tile(endless.states[:, :1], 1000), endless.rewards)
+    robot.publish_episodes([endless], names)
+    robot.until(lambda: robot.value('transitions') == 400)
+    assert robot.value('episodes cut') == 3  # at 124 steps of 1001 values each
+    # Each of these leaves no room for the one before: the last 28 steps remain.
+    assert robot.value('episodes') == 1
+    assert robot.value('buffer bytes') == 28 * 1001 * 8
+    assert robot.value('buffer bytes allowed') == 10**6
+
+
+def test_a_state_with_too_many_channels_is_dropped_unread(selector, robot):
+    robot.publish_state(1, [str(i) for i in range(5000)], np.zeros(5000))
+    robot.publish_state(2, NAMES, np.zeros(5000))
+    robot.publish_fields(3, **{str(i): 0.0 for i in range(5000)})
+    robot.publish_state(4, ['x' * 300, 'b'], np.zeros(2))
+    robot.publish_episodes(small_episodes(1), NAMES, begin=10)
+    robot.wait_for_episodes(1)
+    for cause, count in (('too_large', 2), ('malformed_reward', 1), ('wrong_channels', 1)):
+        assert robot.value(f'messages dropped: {cause}') == count
 
 
 def test_a_bad_parameter_at_the_start_is_one_sentence(start):
@@ -330,7 +361,10 @@ def test_a_selection_of_cleared_episodes_is_answered_but_not_used(selector, robo
     robot.until(lambda: robot.diagnostics[status][2]['worker'] == 'computing')
     robot.call(robot.clear_client)
     robot.until(future.done, 60)
-    assert json.loads(future.result().message)['episodes'] == 40
+    assert not future.result().success
+    answer = json.loads(future.result().message)
+    assert answer['episodes'] == 40
+    assert 'its episodes were cleared meanwhile' in answer['error']
     robot.until(lambda: 'its episodes were cleared meanwhile' in selector.output)
     assert 'names' not in robot.diagnostics[status][2]
 

@@ -329,3 +329,98 @@ def test_every_episode_that_comes_out_was_sent_complete_and_in_order(data):
     noticed = assembler.dropped_messages + assembler.dropped_episodes
     # A single-step episode that is lost altogether leaves no trace.
     assert received == sent or noticed or assembler.num_pending or states & samples
+
+
+class Sender:
+    """Publishers that are killed and started again, of which time may be set back."""
+
+    def __init__(self):
+        self.episodes = []  # the numbers of the transitions of each, and whether it ended
+        self.states, self.samples = [], []
+
+    def session(self, begin, lengths, killed_after, first_episode, shuffle):
+        """Send episodes from a stamp on; of the last only so many transitions."""
+        stamp = begin
+        for episode, length in enumerate(lengths, first_episode):
+            numbers = []
+            is_last = episode == first_episode + len(lengths) - 1
+            for step in range(min(length, killed_after) if is_last else length):
+                number = len(self.states)
+                numbers.append(number)
+                names = NAMES if shuffle(number) else NAMES[::-1]
+                state = state_of(number) if names == NAMES else state_of(number)[::-1]
+                self.states.append((stamp, names, state))
+                self.samples.append((stamp, sample_of(number, step, length, episode=episode)))
+                stamp += 10
+            self.episodes.append((numbers, len(numbers) == length))
+
+
+def spoil(data, messages, spoiled):
+    """Drop, repeat, delay or spoil some messages of a stream."""
+    positions = st.integers(0, max(0, len(messages) - 1))
+    faults = st.tuples(st.sampled_from(['drop', 'repeat', 'delay', 'spoil']), positions)
+    for fault, i in data.draw(st.lists(faults, max_size=5)):
+        if i >= len(messages):
+            continue
+        if fault == 'drop':
+            del messages[i]
+        elif fault == 'repeat':
+            messages.insert(data.draw(st.integers(i, len(messages))), messages[i])
+        elif fault == 'delay':
+            messages.insert(min(len(messages), i + data.draw(st.integers(1, 3))), messages.pop(i))
+        else:
+            messages[i] = data.draw(spoiled)(messages[i])
+
+
+BAD_STATES = st.sampled_from([
+    lambda m: (m[0], m[1], np.array([np.nan, 1.0])),
+    lambda m: (m[0], m[1], np.array([1.0])),
+    lambda m: (m[0], ('a', ''), m[2]),
+    lambda m: (m[0], ('a', 'renamed'), m[2]),
+    lambda m: (m[0], (*NAMES, 'new'), np.zeros(3)),
+    lambda m: (m[0] + 3, m[1], m[2]),
+])  # fmt: skip
+BAD_SAMPLES = st.just(lambda m: (m[0] + 3, m[1]))
+
+
+@settings(max_examples=500)
+@given(data=st.data())
+def test_whatever_happens_to_the_messages_an_episode_is_as_it_was_sent(data):
+    sender = Sender()
+    limit = data.draw(st.sampled_from([2, 3, 100]))
+    first_episode = 0
+    begins = data.draw(st.lists(st.sampled_from([0, 1000, 2000, 500]), min_size=1, max_size=3))
+    for session, begin in enumerate(begins):
+        lengths = data.draw(st.lists(st.integers(1, 6), min_size=1, max_size=4))
+        shuffled = data.draw(st.integers(0, 2**20))
+        sender.session(
+            # A stamp that comes twice, for different states, can only be guessed at.
+            begin + session, lengths, data.draw(st.integers(0, 6)), first_episode,
+            lambda number, shuffled=shuffled: not shuffled >> number % 20 & 1,
+        )  # fmt: skip
+        first_episode += len(lengths)
+    states, samples = list(sender.states), list(sender.samples)
+    spoil(data, states, BAD_STATES)
+    spoil(data, samples, BAD_SAMPLES)
+
+    assembler = EpisodeAssembler(limit)
+    assembler.add_state(-1, NAMES, np.zeros(2))
+    received = []
+    take_state = data.draw(st.lists(st.booleans(), max_size=len(states) + len(samples)))
+    while states or samples:
+        is_state = take_state.pop() if take_state else len(states) >= len(samples)
+        if is_state and states:
+            received += assembler.add_state(*states.pop(0))
+        elif samples:
+            received += assembler.add_reward(*samples.pop(0))
+
+    pieces = {
+        tuple(numbers[i : i + limit]) for numbers, has_ended in sender.episodes
+        for i in range(0, len(numbers), limit) if has_ended or i + limit <= len(numbers)
+    }  # fmt: skip
+    for episode in received:
+        numbers = tuple(int(reward) for reward in episode.rewards)
+        assert numbers in pieces
+        np.testing.assert_array_equal(
+            episode.states, np.column_stack([numbers, np.negative(numbers)])
+        )

@@ -1,0 +1,203 @@
+"""What a selector that was killed leaves to the next one."""
+
+import json
+import os
+import resource
+import signal
+
+import numpy as np
+import pytest
+from sensor_msgs.msg import JointState
+
+from cmifs_ros.core import Episode
+from cmifs_ros.ros import episode_file
+from cmifs_ros.ros.episode_file import Saved
+from cmifs_ros.ros.transitions import RewardSample
+
+NAMES = ('a', 'b', 'c')
+STORAGE = 'selector: storage'
+
+
+def numbered(numbers, steps=3):
+    """Return episodes that tell which they are; their reward is channel c."""
+    episodes = []
+    for n in numbers:
+        states = np.random.default_rng(n).normal(size=(steps, 3))
+        states[:, 0] = n
+        episodes.append(Episode(states, states[:, 2]))
+    return episodes
+
+
+@pytest.fixture
+def path(tmp_path):
+    folder = tmp_path / 'kept'
+    folder.mkdir()
+    return folder / 'episodes'
+
+
+@pytest.fixture
+def start_selector(start, make_robot, path):
+    """Start a selector that saves, and a robot that sees it."""
+
+    def start_(**parameters):
+        robot = make_robot()
+        parameters = {'selection_period': 0.0, 'num_features': 1} | parameters
+        node = start('selector_node', episodes_path=str(path), **parameters)
+        robot.wait_for_selector()
+        robot.until(lambda: STORAGE in robot.diagnostics)
+        return node, robot
+
+    return start_
+
+
+def saved_numbers(path):
+    saved = episode_file.read(path, max_episodes=1000, max_bytes=10**9)
+    return [int(episode.states[0, 0]) for episode in saved.episodes]
+
+
+def kill(node):
+    node.process.send_signal(signal.SIGKILL)
+    node.process.wait()
+
+
+def test_a_killed_selector_comes_back_with_its_episodes_and_its_selection(start_selector, path):
+    node, robot = start_selector()
+    stamp = robot.publish_episodes(numbered(range(24)), NAMES)
+    robot.wait_for_episodes(24)
+    first = json.loads(robot.call(robot.select_client).message)
+    assert first['names'] == ['c']
+    stamp = robot.publish_episodes(numbered([24]), NAMES, begin=stamp)
+    robot.publish_state(stamp, NAMES, [25.0, 0.0, 0.0])  # an episode that does not end
+    robot.publish_reward(stamp, RewardSample(0.0, False, False, 25, 0))
+    robot.wait_for_episodes(25)
+    robot.until(lambda: saved_numbers(path) == list(range(25)))
+    kill(node)
+
+    node, robot = start_selector()
+    robot.wait_for_episodes(25)
+    assert robot.latched('selected_indices').data.tolist() == first['indices']
+    assert list(robot.latched('scores', JointState).name) == first['ranking']
+    _, message, values = robot.diagnostics['selector: selection']
+    assert (message, values['episodes used']) == ('selected c', '24')
+    assert 0 <= int(values['age in s']) < 60
+    robot.publish_state(stamp, NAMES, [1.0, 2.0, 3.0])
+    robot.until(lambda: robot.selected)
+    assert robot.selected[0].position.tolist() == [3]
+    # The next episodes join those that came back.
+    robot.publish_episodes(numbered([25, 26]), NAMES, begin=stamp + 1)
+    robot.wait_for_episodes(27)
+    robot.until(lambda: saved_numbers(path) == list(range(27)))
+    again = json.loads(robot.call(robot.select_client).message)
+    assert (again['names'], again['episodes']) == (['c'], 27)
+    assert '25 episodes are back, and the selection of c' in node.output
+    assert sorted(os.listdir(path.parent)) == ['episodes', 'episodes.lock']
+
+
+def test_killed_at_any_moment_at_most_the_unfinished_episode_is_lost(start_selector, path):
+    sent = 0
+    for attempt in range(4):
+        node, robot = start_selector()
+        stamp = 1
+        robot.wait_for_episodes(sent)
+        for _ in range(3 + attempt):
+            stamp = robot.publish_episodes(numbered([sent]), NAMES, begin=stamp)
+            robot.wait_for_episodes(sent + 1)
+            sent += 1
+        robot.until(lambda sent=sent: path.exists() and len(saved_numbers(path)) == sent)
+        robot.publish_state(stamp, NAMES, [999.0, 0.0, 0.0])
+        kill(node)
+        assert saved_numbers(path) == list(range(sent))
+
+
+def test_the_last_episode_is_saved_when_the_node_is_ended(start_selector, path):
+    node, robot = start_selector()
+    robot.publish_episodes(numbered(range(50)), NAMES)
+    robot.wait_for_episodes(50)
+    code, seconds = node.end()
+    assert (code, seconds < 2) == (0, True)
+    assert saved_numbers(path) == list(range(50))
+
+
+def test_cleared_episodes_do_not_come_back(start_selector, path):
+    node, robot = start_selector()
+    robot.publish_episodes(numbered(range(3)), NAMES)
+    robot.wait_for_episodes(3)
+    robot.call(robot.clear_client)
+    node.end()
+    _, robot = start_selector()
+    robot.publish_episodes(numbered(range(2)), ('d', 'e', 'f'))
+    robot.wait_for_episodes(2)
+
+
+def test_of_more_than_there_is_room_for_the_newest_come_back(start_selector, path):
+    episode_file.write(path, Saved(NAMES, numbered(range(40))))
+    _, robot = start_selector(max_episodes=30)
+    robot.wait_for_episodes(30)
+    robot.publish_episodes(numbered([40]), NAMES)
+    robot.until(lambda: saved_numbers(path) == list(range(11, 41)))
+
+
+@pytest.mark.parametrize(
+    ('damage', 'message'),
+    [  # What else there is, test_episode_file.py knows.
+        (lambda whole: whole[:-40], 'is truncated or corrupt: its checksum differs'),
+        (lambda whole: whole.replace(b'episodes 1', b'episodes 0'), 'is of format version 0'),
+    ],
+)
+def test_a_file_that_cannot_be_used_is_kept_aside_and_the_node_starts_empty(
+    start_selector, path, damage, message
+):
+    episode_file.write(path, Saved(NAMES, numbered(range(4))))
+    damaged = damage(path.read_bytes())
+    path.write_bytes(damaged)
+    node, robot = start_selector()
+    robot.until(lambda: robot.diagnostics[STORAGE][0] == b'\x02')
+    assert message in robot.diagnostics[STORAGE][1]
+    assert f'{path} {message}' in node.output
+    assert f'it is kept as {path}.refused' in node.output
+    assert path.with_name('episodes.refused').read_bytes() == damaged
+    robot.wait_for_episodes(0)
+    robot.publish_episodes(numbered([7, 8]), NAMES)
+    robot.wait_for_episodes(2)
+    robot.until(lambda: robot.diagnostics[STORAGE][0] == b'\x00')
+    assert saved_numbers(path) == [7, 8]
+
+
+def test_a_full_disk_is_reported_and_the_node_runs_on(start_selector, path):
+    node, robot = start_selector()
+    stamp = robot.publish_episodes(numbered(range(2)), NAMES)
+    robot.until(lambda: path.exists() and saved_numbers(path) == [0, 1])
+    unlimited = resource.prlimit(node.process.pid, resource.RLIMIT_FSIZE)
+    small = (path.stat().st_size + 10, unlimited[1])
+    resource.prlimit(node.process.pid, resource.RLIMIT_FSIZE, small)
+    stamp = robot.publish_episodes(numbered(range(2, 24)), NAMES, begin=stamp)
+    robot.until(lambda: robot.diagnostics[STORAGE][0] == b'\x02')
+    assert 'cannot be saved: File too large' in robot.diagnostics[STORAGE][1]
+    robot.wait_for_episodes(24)
+    assert robot.call(robot.select_client).success
+    assert saved_numbers(path) == [0, 1]  # the last that was written still stands
+    assert sorted(os.listdir(path.parent)) == ['episodes', 'episodes.lock']
+
+    resource.prlimit(node.process.pid, resource.RLIMIT_FSIZE, unlimited)
+    robot.until(lambda: robot.diagnostics[STORAGE][0] == b'\x00')
+    assert saved_numbers(path) == list(range(24))
+    assert 'Traceback' not in node.output
+
+
+def test_the_path_cannot_be_changed_from_outside(start_selector, tmp_path):
+    _, robot = start_selector()
+    result = robot.set_parameter('episodes_path', str(tmp_path / 'elsewhere'))
+    assert not result.successful
+    assert 'read-only' in result.reason
+
+
+def test_a_path_of_another_selector_or_without_a_folder_is_one_sentence(
+    start_selector, start, path
+):
+    start_selector()
+    other = start('selector_node', '-r', '__ns:=/other', episodes_path=str(path))
+    assert other.process.wait(20) == 2
+    assert other.output == f"episodes_path is '{path}', which another selector uses\n"
+    homeless = start('selector_node', episodes_path='/nonexistent/episodes')
+    assert homeless.process.wait(20) == 2
+    assert homeless.output.endswith('there is no folder /nonexistent\n')
