@@ -11,6 +11,9 @@ import numpy as np
 
 from .workspace import Workspace
 
+#: In the place of a norm of 0, so that it can divide.
+_TRACE = np.float32(1e-30)
+
 
 class ShiftedSystems:
     """(H_p + lambda_l I) x_pl = b_p for all p and l, solved as closely as asked.
@@ -37,6 +40,7 @@ class ShiftedSystems:
         self._matrices = matrices
         self._shifts = shifts.astype(rhs.dtype)
         self._remainder = rhs
+        self._scale = np.zeros((len(rhs), 1), rhs.dtype)
         self._workspace = workspace
         self._basis = workspace.array('basis', (0, *rhs.shape), rhs.dtype)
         self._couplings: list[np.ndarray] = [_norms(rhs)]
@@ -61,8 +65,7 @@ class ShiftedSystems:
             components = np.matmul(known, column)
             diagonal = components[:, k]
             self._remainder -= np.matmul(components.transpose(0, 2, 1), known)[:, 0]
-            # Once more, for what rounding left. In a complete Krylov space nothing but rounding
-            # remains; its coupling is as small, and so what it adds to a solution.
+            # Once more, for what rounding left.
             components = np.matmul(known, column)
             self._remainder -= np.matmul(components.transpose(0, 2, 1), known)[:, 0]
             if k:
@@ -72,7 +75,12 @@ class ShiftedSystems:
             else:
                 self._pivots.append(diagonal + self._shifts)
                 self._forward.append(np.broadcast_to(length, self._pivots[0].shape))
-            self._couplings.append(_norms(self._remainder))
+            np.maximum(self._scale, diagonal, out=self._scale)
+            length = _norms(self._remainder)
+            # Below rounding the Krylov space is complete: zero vectors then add nothing.
+            complete = length <= 5 * np.finfo(basis.dtype).eps * self._scale
+            self._remainder[complete[:, 0]] = 0
+            self._couplings.append(np.where(complete, _TRACE, length))
 
     def converged(self, rtol: float) -> np.ndarray:
         """Tell where all residuals have norms of at most `rtol` times that of b_p: shape (P,)."""
@@ -95,7 +103,5 @@ class ShiftedSystems:
 
 
 def _norms(vectors: np.ndarray) -> np.ndarray:
-    """Return the norms of (P, B), shape (P, 1), with a trace of a number in the place of 0."""
-    squares = np.einsum('pb,pb->p', vectors, vectors)
-    squares += np.finfo(vectors.dtype).tiny
-    return np.sqrt(squares)[:, None]
+    """Return the norms of (P, B), shape (P, 1), or a trace of a number in the place of 0."""
+    return np.maximum(np.sqrt(np.einsum('pb,pb->p', vectors, vectors))[:, None], _TRACE)
