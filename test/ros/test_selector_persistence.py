@@ -90,7 +90,8 @@ def test_a_killed_selector_comes_back_with_its_episodes_and_its_selection(start_
     again = json.loads(robot.call(robot.select_client).message)
     assert (again['names'], again['episodes']) == (['c'], 27)
     assert '25 episodes are back, and the selection of c' in node.output
-    assert sorted(os.listdir(path.parent)) == ['episodes', 'episodes.lock']
+    # The save of that selection may still be under way.
+    robot.until(lambda: sorted(os.listdir(path.parent)) == ['episodes', 'episodes.lock'])
 
 
 def test_killed_at_any_moment_at_most_the_unfinished_episode_is_lost(start_selector, path):
@@ -176,7 +177,8 @@ def test_a_full_disk_is_reported_and_the_node_runs_on(start_selector, path):
     robot.wait_for_episodes(24)
     assert robot.call(robot.select_client).success
     assert saved_numbers(path) == [0, 1]  # the last that was written still stands
-    assert sorted(os.listdir(path.parent)) == ['episodes', 'episodes.lock']
+    # The save of that selection may still be under way.
+    robot.until(lambda: sorted(os.listdir(path.parent)) == ['episodes', 'episodes.lock'])
 
     resource.prlimit(node.process.pid, resource.RLIMIT_FSIZE, unlimited)
     robot.until(lambda: robot.diagnostics[STORAGE][0] == b'\x00')
