@@ -40,7 +40,7 @@ _RTOL = {np.float32: 1e-5, np.float64: 1e-11}
 #: still do.
 _ISOLATED = 60.0
 #: Greatest number of entries in one stack of matrices: larger ones fall out of the cache.
-_STACK_ENTRIES = 1_000_000
+_STACK_ENTRIES = 500_000
 
 
 class HeldOutObjective:
