@@ -50,3 +50,4 @@ def test_the_policy_allows_exactly_what_a_running_node_uses(start, robot, node):
 
     nodes = robot.node.get_node_names_and_namespaces
     robot.until(lambda: (node, NAMESPACE) in nodes() and used() == allowed(node))
+    assert used() == allowed(node)

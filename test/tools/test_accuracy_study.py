@@ -110,16 +110,16 @@ def test_another_robot_whose_episode_ends_sooner_stands_still():
 
 @pytest.mark.parametrize('name', [name for name in TASKS if name not in ENVIRONMENTS])
 def test_the_same_seed_gives_the_same_episodes_and_fewer_are_the_first(name):
-    check_repeats(TASKS[name])
+    assert_that_it_repeats(TASKS[name])
 
 
 @pytest.mark.parametrize('name', ENVIRONMENTS)
 def test_environments_of_gymnasium_repeat_too(name):
     pytest.importorskip('gymnasium', reason='gymnasium is not here')
-    check_repeats(TASKS[name])
+    assert_that_it_repeats(TASKS[name])
 
 
-def check_repeats(task):
+def assert_that_it_repeats(task):
     few, many, other = task.rollout(2, 5), task.rollout(4, 5), task.rollout(2, 6)
     for a, b in zip(few, many, strict=False):
         assert a.states.tobytes() == b.states.tobytes()
