@@ -24,7 +24,7 @@ from cmifs_ros.sim import SCENARIOS
 from cmifs_ros.sim.grid_world import MAX_EPISODE_STEPS, NUM_CHANNELS
 
 from .arguments import names_among, number_from, numbers_from
-from .measurement import Job, Measurement, measure
+from .measurement import Job, Measurement, job_of, measure
 from .methods import METHODS, mean_and_error, rank_sum, what_is_missing
 from .program import exit_code
 from .tables import markdown_table
@@ -59,21 +59,10 @@ class Row(NamedTuple):
         return max(m.peak_bytes for m in self.measurements)
 
 
-def job_of(options: argparse.Namespace, method: str, threads: int, **changes) -> Job:
-    """Return the job of a row; `changes` are other values of its attributes."""
-    job = Job(
-        method=method,
-        threads=threads,
-        # Our engine brings its own threads; the others leave them to the linear algebra.
-        blas_threads=threads if method in CALIBRATED else 1,
-        scenario=options.scenario,
-        episodes=options.episodes,
-        steps=options.steps,
-        channels=options.channels,
-        seed=options.seed,
-        top=options.top,
-    )
-    return job._replace(**changes)
+def row_job(options: argparse.Namespace, method: str, threads: int) -> Job:
+    """Return the job of a row."""
+    # Our engine brings its own threads; the others leave them to the linear algebra.
+    return job_of(options, method, threads, threads if method in CALIBRATED else 1)
 
 
 def best_threads(options: argparse.Namespace, method: str) -> int:
@@ -81,7 +70,7 @@ def best_threads(options: argparse.Namespace, method: str) -> int:
     counts = sorted({1, joblib.cpu_count()})
     if method not in CALIBRATED or len(counts) == 1:
         return 1
-    return min(counts, key=lambda n: measure(job_of(options, method, n, top=1)).seconds)
+    return min(counts, key=lambda n: measure(row_job(options, method, n)._replace(top=1)).seconds)
 
 
 def rows_of(options: argparse.Namespace) -> list[Row]:
@@ -103,7 +92,7 @@ def run_trials(options: argparse.Namespace, rows: Iterable[Row]) -> None:
     with tqdm(total=options.trials * len(present), file=sys.stderr, disable=None) as bar:
         for seed in range(options.seed, options.seed + options.trials):
             for row in present:
-                job = job_of(options, row.method, row.threads, seed=seed)
+                job = row_job(options, row.method, row.threads)._replace(seed=seed)
                 row.measurements.append(measure(job))
                 bar.update()
 

@@ -22,7 +22,7 @@ from cmifs_ros.sim.grid_world import MAX_EPISODE_STEPS, NUM_CHANNELS
 
 from .arguments import names_among, number_from, numbers_from
 from .benchmark import machine
-from .measurement import Job, measure
+from .measurement import job_of, measure
 from .methods import METHODS
 from .program import StudyError, exit_code
 from .tables import markdown_table
@@ -45,17 +45,7 @@ class Point(NamedTuple):
 
 def measure_growth(options: argparse.Namespace, dimension: str) -> list[Point]:
     """Measure all sizes of one dimension; the other dimensions stay as the options say."""
-    base = Job(
-        method=options.method,
-        threads=options.jobs,
-        blas_threads=1,
-        scenario=options.scenario,
-        episodes=options.episodes,
-        steps=options.steps,
-        channels=options.channels,
-        seed=options.seed,
-        top=options.top,
-    )
+    base = job_of(options, options.method, options.jobs, blas_threads=1)
     sizes = options.sizes or SIZES[dimension]
     measurements = {size: [] for size in sizes}
     # All sizes once, then all again: what else the machine does meets each of them.

@@ -7,6 +7,7 @@ its argument and prints a `Measurement` as JSON.
 
 from __future__ import annotations
 
+import argparse
 import json
 import os
 import subprocess
@@ -49,6 +50,21 @@ class Job(NamedTuple):
     channels: int
     seed: int
     top: int | None
+
+
+def job_of(options: argparse.Namespace, method: str, threads: int, blas_threads: int) -> Job:
+    """Return the job of a method on the data that the options of a command describe."""
+    return Job(
+        method=method,
+        threads=threads,
+        blas_threads=blas_threads,
+        scenario=options.scenario,
+        episodes=options.episodes,
+        steps=options.steps,
+        channels=options.channels,
+        seed=options.seed,
+        top=options.top,
+    )
 
 
 class Measurement(NamedTuple):
