@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Executor
+from itertools import repeat
 
 import numpy as np
 
@@ -11,7 +12,6 @@ from .episode import Episode
 from .held_out import TOLERANCE
 from .lsmi import Lsmi
 from .samples import step_samples
-from .workspace import Workspace
 
 
 class ConditionalMI:
@@ -31,8 +31,8 @@ class ConditionalMI:
         Each step picks its width and regularisation by the held-out objective averaged over
         its samples and those of so many steps on either side, with weights that fall linearly.
         With few episodes that steadies the choice; 0 is the paper's.
-    n_jobs : int
-        Threads that share the steps.
+    executor : concurrent.futures.Executor, optional
+        Shares the steps among its processes; None does them one after the other.
 
     """
 
@@ -46,10 +46,10 @@ class ConditionalMI:
         max_time_bins: int | None,
         tuning_window: int,
         random_state: int,
-        n_jobs: int,
+        executor: Executor | None,
     ):
         self._estimator = estimator
-        self._n_jobs = n_jobs
+        self._map = map if executor is None else executor.map
         steps = step_samples(
             episodes,
             gamma=gamma,
@@ -77,48 +77,36 @@ class ConditionalMI:
             its float32 value.
 
         """
-        estimator, workspace = self._estimator, Workspace()
-        with ThreadPoolExecutor(self._n_jobs) as pool:
+        estimator = self._estimator
 
-            def objective(subsets, which):
-                return np.array(
-                    list(
-                        pool.map(
-                            lambda step, w: estimator.objective(step, subsets, w, workspace),
-                            self._steps,
-                            which,
-                        )
-                    )
-                )
-
-            screened = objective(subsets, [None] * len(self._steps))
-            averaged = np.tensordot(self._window, screened, axes=1)
-            best = averaged.min(axis=(2, 3), keepdims=True)
-            points = averaged <= best + TOLERANCE
-            scores = -2 * screened - 1
-            least = self._weights @ np.where(points, scores, np.inf).min(axis=(2, 3))
-            greatest = self._weights @ np.where(points, scores, -np.inf).max(axis=(2, 3))
-            if estimator.criterion == 'held_out':
-                contenders = np.flatnonzero(greatest >= least.max() - 2 * TOLERANCE)
-            else:  # The screening speaks of Equation (7), not of Equation (10).
-                contenders = np.arange(len(subsets))
-
-            # In float64: what the scores are made of, and what decides between several points.
-            points, chosen = points[:, contenders], [subsets[i] for i in contenders]
-            widths = points.any(axis=3)
-            undecided = points.sum(axis=(2, 3), keepdims=True)[..., 0] > 1
-            which = np.tensordot(self._window > 0, widths & undecided, axes=1) > 0
-            if estimator.criterion == 'held_out':
-                which |= widths
-            exact = objective(chosen, which)
-            averaged = np.where(points, np.tensordot(self._window, exact, axes=1), np.inf)
-            picked = averaged.reshape(*averaged.shape[:2], -1).argmin(axis=2)
-            information = pool.map(
-                lambda *args: estimator.information(args[0], chosen, *args[1:]),
-                self._steps,
-                exact,
-                picked,
+        def objective(subsets, which):
+            return np.array(
+                list(self._map(estimator.objective, self._steps, repeat(subsets), which))
             )
-            scores = greatest
-            scores[contenders] = self._weights @ np.array(list(information))
+
+        screened = objective(subsets, repeat(None))
+        averaged = np.tensordot(self._window, screened, axes=1)
+        best = averaged.min(axis=(2, 3), keepdims=True)
+        points = averaged <= best + TOLERANCE
+        scores = -2 * screened - 1
+        least = self._weights @ np.where(points, scores, np.inf).min(axis=(2, 3))
+        greatest = self._weights @ np.where(points, scores, -np.inf).max(axis=(2, 3))
+        if estimator.criterion == 'held_out':
+            contenders = np.flatnonzero(greatest >= least.max() - 2 * TOLERANCE)
+        else:  # The screening speaks of Equation (7), not of Equation (10).
+            contenders = np.arange(len(subsets))
+
+        # In float64: what the scores are made of, and what decides between several points.
+        points, chosen = points[:, contenders], [subsets[i] for i in contenders]
+        widths = points.any(axis=3)
+        undecided = points.sum(axis=(2, 3), keepdims=True)[..., 0] > 1
+        which = np.tensordot(self._window > 0, widths & undecided, axes=1) > 0
+        if estimator.criterion == 'held_out':
+            which |= widths
+        exact = objective(chosen, which)
+        averaged = np.where(points, np.tensordot(self._window, exact, axes=1), np.inf)
+        picked = averaged.reshape(*averaged.shape[:2], -1).argmin(axis=2)
+        information = self._map(estimator.information, self._steps, repeat(chosen), exact, picked)
+        scores = greatest
+        scores[contenders] = self._weights @ np.array(list(information))
         return scores

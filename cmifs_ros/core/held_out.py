@@ -55,7 +55,6 @@ class HeldOutObjective:
     regularizations : numpy.ndarray, shape (L,)
         The grid of lambda.
     dtype : {numpy.float32, numpy.float64}
-    workspace : Workspace
 
     """
 
@@ -65,14 +64,13 @@ class HeldOutObjective:
         subsets: Sequence[Sequence[int]],
         regularizations: np.ndarray,
         dtype: type,
-        workspace: Workspace,
     ):
         order = np.argsort(step.folds, kind='stable')
         folds = step.folds[order]
         returns, states = step.returns[order], step.states[order]
         self._regularizations = regularizations
         self._dtype = dtype
-        self._workspace = workspace
+        self._workspace = Workspace()
         starts = np.flatnonzero(np.diff(folds, prepend=-1))
         self._folds = [slice(a, b) for a, b in zip(starts, [*starts[1:], len(folds)], strict=True)]
         self._indicator = (folds[:, None] == np.unique(folds)).astype(dtype)
@@ -89,7 +87,7 @@ class HeldOutObjective:
         self._scale = None if counts is None else np.sqrt(counts).astype(dtype)[:, :, None]
         size = len(centers) if columns is None else columns.shape[1]
         shape = (len(subsets), size, len(returns))
-        self._z_distances = workspace.array('z_distances', shape, dtype)
+        self._z_distances = np.empty(shape, dtype)
         self._isolation = np.empty(len(subsets))
         is_other_fold = folds[centers][:, None] != folds
         for i, channels in enumerate(own):

@@ -14,7 +14,6 @@ from scipy.spatial.distance import cdist
 
 from .held_out import HeldOutObjective, gaussian
 from .samples import StepSamples
-from .workspace import Workspace
 
 CRITERIA = ('held_out', 'plug_in')
 
@@ -85,7 +84,7 @@ class Lsmi:
 
         """
         everywhere = np.ones((len(subsets), len(self.widths)), dtype=bool)
-        objective = self.objective(step, subsets, everywhere, Workspace())
+        objective = self.objective(step, subsets, everywhere)
         return self.information(
             step, subsets, objective, objective.reshape(len(subsets), -1).argmin(axis=1)
         )
@@ -95,7 +94,6 @@ class Lsmi:
         step: StepSamples,
         subsets: Sequence[Sequence[int]],
         which: np.ndarray | None,
-        workspace: Workspace,
     ) -> np.ndarray:
         """Return the held-out objective J of Equation (7) on the grid.
 
@@ -106,7 +104,6 @@ class Lsmi:
         which : numpy.ndarray of bool, shape (C, len(self.widths)), optional
             The widths to evaluate in float64; elsewhere J is left at 0. None screens the whole
             grid in float32, with errors far below `held_out.TOLERANCE`.
-        workspace : Workspace
 
         Returns
         -------
@@ -117,9 +114,9 @@ class Lsmi:
         if which is None:
             which = np.ones((len(subsets), len(self.widths)), dtype=bool)
         dtype = np.float64 if is_exact else np.float32
-        return HeldOutObjective(
-            step, subsets, np.array(self.regularizations), dtype, workspace
-        ).evaluate(which, np.array(self.widths))
+        return HeldOutObjective(step, subsets, np.array(self.regularizations), dtype).evaluate(
+            which, np.array(self.widths)
+        )
 
     def information(
         self,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
 
 import numpy as np
 
@@ -175,9 +176,10 @@ class ConditionalMISelector(SensorSelector):
         Greatest number of kernel centres in a step; None takes all samples.
     random_state : int
         Seed. The same seed and data give the same result bit for bit on one machine.
-    n_jobs : int
-        Threads that share the steps. They pay where steps are pooled; the linear algebra library
-        should then be kept to one thread (OPENBLAS_NUM_THREADS=1 in the environment).
+    executor : concurrent.futures.Executor, optional
+        Shares the work among its processes: a `concurrent.futures.ProcessPoolExecutor`, or one of
+        another library. Each should keep the linear algebra library to one thread
+        (OPENBLAS_NUM_THREADS=1 in the environment). None computes in this thread.
 
     Notes
     -----
@@ -199,7 +201,7 @@ class ConditionalMISelector(SensorSelector):
         tuning_window: int = 2,
         num_centers: int | None = 200,
         random_state: int = 0,
-        n_jobs: int = 1,
+        executor: Executor | None = None,
     ):
         super().__init__(num_features, direction, groups, random_state)
         self.gamma = gamma
@@ -208,7 +210,7 @@ class ConditionalMISelector(SensorSelector):
         self.max_time_bins = max_time_bins
         self.tuning_window = tuning_window
         self.num_centers = num_centers
-        self.n_jobs = n_jobs
+        self.executor = executor
 
     @classmethod
     def paper(cls, num_features: int | None = None, **options) -> ConditionalMISelector:
@@ -227,8 +229,6 @@ class ConditionalMISelector(SensorSelector):
             raise ValueError(f'max_time_bins is {self.max_time_bins}; expected at least 1, or None')
         if self.tuning_window < 0:
             raise ValueError(f'tuning_window is {self.tuning_window}; expected at least 0')
-        if self.n_jobs < 1:
-            raise ValueError(f'n_jobs is {self.n_jobs}; expected at least 1')
         return ConditionalMI(
             episodes,
             Lsmi(criterion=self.criterion, num_centers=self.num_centers),
@@ -237,7 +237,7 @@ class ConditionalMISelector(SensorSelector):
             max_time_bins=self.max_time_bins,
             tuning_window=self.tuning_window,
             random_state=self.random_state,
-            n_jobs=self.n_jobs,
+            executor=self.executor,
         )
 
     def _best_number(self, scores: list[float]) -> int:

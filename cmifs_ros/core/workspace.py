@@ -5,13 +5,11 @@ A fresh array of some megabytes costs more in page faults than in arithmetic.
 
 from __future__ import annotations
 
-import threading
-
 import numpy as np
 
 
-class Workspace(threading.local):
-    """Named scratch arrays, a set for each thread.
+class Workspace:
+    """Named scratch arrays.
 
     An array is overwritten when its name is asked for again.
     """

@@ -7,8 +7,9 @@ from collections.abc import Callable
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 
-from cmifs_ros.core.selection import Selection, select
+from cmifs_ros.core.selection import Selection
 
+from .selection_job import run_selection
 from .worker import WorkerProcess
 
 #: Calls that may wait for their answer.
@@ -17,7 +18,7 @@ MAX_WAITING = 1000
 
 @dataclass(frozen=True)
 class Job:
-    """The arguments of `select`.
+    """The arguments of `run_selection`.
 
     Attributes
     ----------
@@ -155,7 +156,7 @@ class SelectionQueue:
             self._answer(waiting, Outcome(error=str(error), is_refusal=True))
             return
         try:
-            self._worker.submit(select, *job.arguments)
+            self._worker.submit(run_selection, *job.arguments)
         except OSError as error:
             reason = f'no worker process could be started: {error}'
             self._answer(waiting, Outcome(error=reason, generation=job.generation))

@@ -277,10 +277,9 @@ class SelectorNode(Node):
                 'criterion': values['criterion'],
                 'standardize': values['standardize'],
                 'max_time_bins': values['max_time_bins'] or None,
-                'n_jobs': values['worker_threads'],
             }
         episodes, names = self._buffer.snapshot(), self._assembler.channel_names
-        arguments = (episodes, names, values['method'], settings)
+        arguments = (episodes, names, values['method'], settings, values['worker_threads'])
         return Job(self._revision, self._generation, arguments)
 
     def _select_periodically(self) -> None:

@@ -41,7 +41,7 @@ PARAMETERS = (
     Spec('max_time_bins', 32, 'Longer episodes have neighbouring steps pooled; 0 never pools.',
          (0, 10_000)),
     Spec('random_state', 0, 'Seed of the folds and kernel centres.', (0, 2**31 - 1)),
-    Spec('worker_threads', 1, 'Threads that compute a selection; more pay for long episodes.',
+    Spec('worker_threads', 1, 'Processor cores that a selection may use; with kdr it uses one.',
          (1, 64)),
     Spec('pass_through_until_selected', True,
          'Republish all channels before the first selection, in place of none.'),

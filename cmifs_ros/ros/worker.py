@@ -102,9 +102,14 @@ def _prepare() -> None:
     for library in ('OPENBLAS', 'MKL', 'OMP', 'BLIS'):  # Read when NumPy is first imported.
         os.environ[f'{library}_NUM_THREADS'] = '1'
     os.nice(5)
-    threading.Thread(target=_exit_with_parent, daemon=True).start()
+    end_with_parent()
 
 
-def _exit_with_parent() -> None:
-    wait([multiprocessing.parent_process().sentinel])
-    os._exit(1)
+def end_with_parent() -> None:
+    """Have this process end as soon as the one that started it does, however that ends."""
+
+    def watch():
+        wait([multiprocessing.parent_process().sentinel])
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()

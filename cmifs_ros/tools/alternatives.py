@@ -53,7 +53,7 @@ class Estimate:
             max_time_bins=None,
             tuning_window=0,
             random_state=seed,
-            n_jobs=1,
+            executor=None,
         )
 
 

@@ -32,15 +32,15 @@ from .tasks import TASKS
 
 #: In the order of the table; the first is the measure of all others.
 TABLE = ('direct_port', 'default', 'paper', 'kdr', 'ennemi', 'sklearn')
-#: Those that may be faster with all threads, or with one, whatever they leave to their libraries.
+#: Those that may be faster with all cores, or with one, whatever they leave to their libraries.
 CALIBRATED = ('direct_port', 'kdr', 'ennemi')
 
 
 class Row(NamedTuple):
-    """One line of the table: a method with a number of threads, and what was measured of it."""
+    """One line of the table: a method with a number of cores, and what was measured of it."""
 
     method: str
-    threads: int | None
+    cores: int | None
     measurements: list[Measurement]
 
     @property
@@ -59,13 +59,13 @@ class Row(NamedTuple):
         return max(m.peak_bytes for m in self.measurements)
 
 
-def row_job(options: argparse.Namespace, method: str, threads: int) -> Job:
+def row_job(options: argparse.Namespace, method: str, cores: int) -> Job:
     """Return the job of a row."""
-    # Our engine brings its own threads; the others leave them to the linear algebra.
-    return job_of(options, method, threads, threads if method in CALIBRATED else 1)
+    # Our engine has its own processes; the others leave the cores to threads.
+    return job_of(options, method, cores, cores if method in CALIBRATED else 1)
 
 
-def best_threads(options: argparse.Namespace, method: str) -> int:
+def best_cores(options: argparse.Namespace, method: str) -> int:
     """Return with how many threads, 1 or one a core, a method ranks the first channel faster."""
     counts = sorted({1, joblib.cpu_count()})
     if method not in CALIBRATED or len(counts) == 1:
@@ -74,25 +74,25 @@ def best_threads(options: argparse.Namespace, method: str) -> int:
 
 
 def rows_of(options: argparse.Namespace) -> list[Row]:
-    """Return the rows to measure; our engine has one for each number of threads."""
+    """Return the rows to measure; our engine has one for each number of cores."""
     rows = []
     for method in options.methods:
         if what_is_missing(method):
             rows.append(Row(method, None, []))
         elif method in ('default', 'paper'):
-            rows += [Row(method, threads, []) for threads in options.jobs]
+            rows += [Row(method, cores, []) for cores in options.jobs]
         else:
-            rows.append(Row(method, best_threads(options, method), []))
+            rows.append(Row(method, best_cores(options, method), []))
     return rows
 
 
 def run_trials(options: argparse.Namespace, rows: Iterable[Row]) -> None:
     """Measure each row once a trial, in turns."""
-    present = [row for row in rows if row.threads]
+    present = [row for row in rows if row.cores]
     with tqdm(total=options.trials * len(present), file=sys.stderr, disable=None) as bar:
         for seed in range(options.seed, options.seed + options.trials):
             for row in present:
-                job = row_job(options, row.method, row.threads)._replace(seed=seed)
+                job = row_job(options, row.method, row.cores)._replace(seed=seed)
                 row.measurements.append(measure(job))
                 bar.update()
 
@@ -103,8 +103,8 @@ def summary(options: argparse.Namespace, rows: list[Row]) -> list[dict]:
     port = next((r for r in rows if r.method == 'direct_port'), None)
     found = []
     for row in rows:
-        entry = {'method': row.method, 'label': row.label, 'threads': row.threads}
-        if row.threads is None:
+        entry = {'method': row.method, 'label': row.label, 'cores': row.cores}
+        if row.cores is None:
             found.append(entry | {'missing': what_is_missing(row.method)})
             continue
         sums = [rank_sum(m.ranking, relevant, options.channels) for m in row.measurements]
@@ -130,7 +130,7 @@ def summary(options: argparse.Namespace, rows: list[Row]) -> list[dict]:
 
 def table(options: argparse.Namespace, entries: list[dict]) -> str:
     """Return the table, and below it how our engine's results compare with the port's."""
-    head = ('method', 'threads', 'seconds', 'times faster', 'rank sum', 'peak memory')
+    head = ('method', 'cores', 'seconds', 'times faster', 'rank sum', 'peak memory')
     lines, notes = [], []
     for entry in entries:
         if 'missing' in entry:
@@ -140,7 +140,7 @@ def table(options: argparse.Namespace, entries: list[dict]) -> str:
         lines.append(
             (
                 entry['label'],
-                entry['threads'],
+                entry['cores'],
                 f'{entry["seconds"]:.3g}',
                 '' if ratio is None else f'{ratio:.3g}',
                 f'{entry["rank_sum"]:.1f} ± {entry["rank_sum_error"]:.1f}',
@@ -149,7 +149,7 @@ def table(options: argparse.Namespace, entries: list[dict]) -> str:
         )
         if 'same_rankings_as_direct_port' in entry:
             notes.append(
-                f'{entry["label"]}, {entry["threads"]} threads: the ranking of the direct port in '
+                f'{entry["label"]}, {entry["cores"]} cores: the ranking of the direct port in '
                 f'{entry["same_rankings_as_direct_port"]} of {options.trials} trials, '
                 f'scores within {entry["greatest_difference_of_scores"]:.1g}\n'
             )
@@ -228,7 +228,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
         type=numbers_from(1),
         default=sorted({1, joblib.cpu_count()}),
         metavar='N,...',
-        help='numbers of threads of our engine (default: 1 and one a core)',
+        help='numbers of processes of our engine (default: 1 and one a core)',
     )
     parser.add_argument('--json', action='store_true', help='print JSON in place of the table')
     options = parser.parse_args(arguments)

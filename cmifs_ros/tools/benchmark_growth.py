@@ -113,7 +113,7 @@ def run(options: argparse.Namespace) -> None:
         points = measure_growth(options, dimension)
         others = (f'{getattr(options, name)} {name}' for name in SIZES if name != dimension)
         print(
-            f'\n{METHODS[options.method]}, {options.jobs} threads, {", ".join(others)}, '
+            f'\n{METHODS[options.method]}, {options.jobs} processes, {", ".join(others)}, '
             f'{"all" if options.top is None else f"the best {options.top}"} ranked, '
             f'{options.trials} trials\n\n{table(dimension, points)}'
         )
@@ -151,7 +151,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
         '--jobs',
         type=number_from(1),
         default=joblib.cpu_count(),
-        help='threads of the engine (default: one a core)',
+        help='processes of the engine (default: one a core)',
     )
     parser.add_argument('--seed', type=number_from(0), default=0, help='default 0')
     parser.add_argument('--trials', type=number_from(1), default=3, help='default 3')

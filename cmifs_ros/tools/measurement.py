@@ -9,10 +9,13 @@ from __future__ import annotations
 
 import argparse
 import json
+import multiprocessing
 import os
 import subprocess
 import sys
 import time
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import nullcontext
 from pathlib import Path
 from typing import NamedTuple
 
@@ -30,10 +33,10 @@ class Job(NamedTuple):
     ----------
     method : str
         One of `METHODS`.
-    threads : int
-        Those of our engine and of ennemi.
+    cores : int
+        How many to use: processes of our engine, threads of ennemi.
     blas_threads : int
-        Those of the linear algebra in each of them.
+        Threads of the linear algebra in each process.
     scenario, episodes, steps, channels, seed
         As of `rollout_scaled`; the seed is also the method's.
     top : int, optional
@@ -42,7 +45,7 @@ class Job(NamedTuple):
     """
 
     method: str
-    threads: int
+    cores: int
     blas_threads: int
     scenario: str
     episodes: int
@@ -52,11 +55,11 @@ class Job(NamedTuple):
     top: int | None
 
 
-def job_of(options: argparse.Namespace, method: str, threads: int, blas_threads: int) -> Job:
+def job_of(options: argparse.Namespace, method: str, cores: int, blas_threads: int) -> Job:
     """Return the job of a method on the data that the options of a command describe."""
     return Job(
         method=method,
-        threads=threads,
+        cores=cores,
         blas_threads=blas_threads,
         scenario=options.scenario,
         episodes=options.episodes,
@@ -104,29 +107,36 @@ def measure_here(job: Job) -> Measurement:
         job.scenario, job.episodes, job.seed, num_steps=job.steps, num_channels=job.channels
     )
 
-    def run(num_features):
-        return rank(
-            job.method,
-            episodes,
-            target=TASKS[job.scenario].target,
-            seed=job.seed,
-            num_features=num_features,
-            num_threads=job.threads,
-        )
+    context = multiprocessing.get_context('spawn')
+    pool = ProcessPoolExecutor(job.cores, context) if job.cores > 1 else nullcontext()
+    with pool as executor:
 
-    run(1)
-    start = time.perf_counter()
-    ranking = run(job.top)
-    seconds = time.perf_counter() - start
-    return Measurement(seconds, peak_bytes(), *ranking)
+        def run(num_features):
+            return rank(
+                job.method,
+                episodes,
+                target=TASKS[job.scenario].target,
+                seed=job.seed,
+                num_features=num_features,
+                executor=executor,
+                num_threads=job.cores,
+            )
+
+        run(1)
+        start = time.perf_counter()
+        ranking = run(job.top)
+        seconds = time.perf_counter() - start
+        pids = [os.getpid(), *(child.pid for child in multiprocessing.active_children())]
+        return Measurement(seconds, sum(map(peak_bytes, pids)), *ranking)
 
 
-def peak_bytes() -> int:
-    """Return the greatest resident memory of this process so far, as Linux tells it.
+def peak_bytes(pid: int) -> int:
+    """Return the greatest resident memory of a process so far, as Linux tells it.
 
     Not ru_maxrss, which begins with the memory of the process that started this one.
     """
-    (line,) = (li for li in Path('/proc/self/status').read_text().splitlines() if 'VmHWM' in li)
+    lines = Path(f'/proc/{pid}/status').read_text().splitlines()
+    (line,) = (line for line in lines if 'VmHWM' in line)
     return int(line.split()[1]) * 1024
 
 

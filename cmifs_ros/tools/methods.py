@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from concurrent.futures import Executor
 from importlib.util import find_spec
 from typing import NamedTuple
 
@@ -57,6 +58,7 @@ def rank(
     target: Sequence[int],
     seed: int,
     num_features: int | None = None,
+    executor: Executor | None = None,
     num_threads: int = 1,
 ) -> Ranking:
     """Rank the channels by one of the methods.
@@ -72,8 +74,10 @@ def rank(
         Of everything random in the method.
     num_features : int, optional
         How many channels to rank; None ranks all.
+    executor : concurrent.futures.Executor, optional
+        The processes of our engine.
     num_threads : int
-        Threads of our engine and of ennemi. Those of the linear algebra are set from outside.
+        Threads of ennemi. Those of the linear algebra are set from outside.
 
     """
     count = num_features or episodes[0].num_channels
@@ -91,9 +95,9 @@ def rank(
     if method == 'kdr':
         selector = KDRSelector(count, target=target, random_state=seed)
     elif method == 'paper':
-        selector = ConditionalMISelector.paper(count, random_state=seed, n_jobs=num_threads)
+        selector = ConditionalMISelector.paper(count, random_state=seed, executor=executor)
     else:
-        selector = ConditionalMISelector(count, random_state=seed, n_jobs=num_threads)
+        selector = ConditionalMISelector(count, random_state=seed, executor=executor)
     selector.fit(episodes)
     return Ranking(tuple(selector.ranking_.tolist()), tuple(selector.scores_.tolist()))
 

@@ -1,3 +1,6 @@
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+
 import numpy as np
 import pytest
 from oracles import direct_lsmi
@@ -15,10 +18,10 @@ def random_episodes(lengths, channels=2, seed=0):
     return [Episode(rng.normal(size=(n, channels)), rng.normal(size=n)) for n in lengths]
 
 
-def score(episodes, subsets, estimator=None, n_jobs=1, **changes):
+def score(episodes, subsets, estimator=None, executor=None, **changes):
     estimator = estimator or Lsmi(widths=WIDTHS, regularizations=LAMBDAS)
     return ConditionalMI(
-        episodes, estimator, **(SAMPLING | {'tuning_window': 2} | changes), n_jobs=n_jobs
+        episodes, estimator, **(SAMPLING | {'tuning_window': 2} | changes), executor=executor
     )(subsets)
 
 
@@ -87,10 +90,11 @@ def test_long_episodes_are_pooled_into_bins_without_splitting_an_episode_over_fo
         assert set(b.folds) == {0, 1, 2}
 
 
-def test_threads_and_repetition_do_not_change_a_bit():
+def test_processes_and_repetition_do_not_change_a_bit():
     episodes = random_episodes((4,) * 15)
     one = score(episodes, [(0,), (0, 1)])
-    np.testing.assert_array_equal(score(episodes, [(0,), (0, 1)], n_jobs=2), one)
+    with ProcessPoolExecutor(2, get_context('spawn')) as pool:
+        np.testing.assert_array_equal(score(episodes, [(0,), (0, 1)], executor=pool), one)
     np.testing.assert_array_equal(score(episodes, [(0,), (0, 1)]), one)
 
 

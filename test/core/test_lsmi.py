@@ -7,7 +7,6 @@ from oracles import direct_lsmi
 from cmifs_ros.core import Lsmi
 from cmifs_ros.core.held_out import TOLERANCE
 from cmifs_ros.core.samples import StepSamples
-from cmifs_ros.core.workspace import Workspace
 
 WIDTHS = (0.1, 0.5, 2.0)
 LAMBDAS = (0.001, 0.1, 10.0)
@@ -88,12 +87,12 @@ def datasets():
     ('returns', 'z'), [d[1:] for d in datasets()], ids=[d[0] for d in datasets()]
 )
 def test_the_screening_is_far_closer_than_its_tolerance(returns, z):
-    step, workspace = samples(returns, z), Workspace()
+    step = samples(returns, z)
     subsets = [(0,), (0, 1), (0, 1, 2)]
     lsmi = Lsmi()
-    screened = lsmi.objective(step, subsets, None, workspace)
+    screened = lsmi.objective(step, subsets, None)
     everywhere = np.ones(screened.shape[:2], dtype=bool)
-    exact = lsmi.objective(step, subsets, everywhere, workspace)
+    exact = lsmi.objective(step, subsets, everywhere)
     near = exact <= exact.min(axis=(1, 2), keepdims=True) + 0.01
     np.testing.assert_allclose(screened[near], exact[near], rtol=0, atol=TOLERANCE / 2)
     assert np.all(screened[~near] > exact.min() + 0.01 - TOLERANCE)

@@ -134,7 +134,6 @@ def test_huge_units_do_not_change_the_selection_and_overflowing_returns_are_refu
         ({'direction': 'up'}, "direction is 'up'; expected one of forward, backward"),
         ({'max_time_bins': 0}, 'max_time_bins is 0'),
         ({'num_centers': 0}, 'num_centers is 0'),
-        ({'n_jobs': 0}, 'n_jobs is 0'),
         ({'groups': {'g': []}}, "group 'g' is empty"),
         ({'groups': {'g': ['q']}}, "group 'g' names channel 'q'; expected one of a, b, c, d"),
         ({'groups': {'g': ['a'], 'h': [0]}}, "channel 'a' is in the groups 'g' and 'h'"),

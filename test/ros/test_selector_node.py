@@ -422,12 +422,15 @@ def test_a_killed_worker_is_reported_and_replaced(selector, robot):
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize('moment', ['idle', 'selecting', 'spawning'])
-def test_signals_end_the_node_and_its_worker_cleanly(selector, robot, number, moment):
+@pytest.mark.parametrize('cores', [1, 2])
+def test_signals_end_the_node_and_its_workers_cleanly(selector, robot, number, moment, cores):
+    robot.set_parameter('worker_threads', cores)
     if moment != 'idle':
         robot.publish_episodes(rollout('with_gravel', 40, seed=0), channel_names('with_gravel'))
         robot.wait_for_episodes(40)
         robot.select_client.call_async(robot.select_client.srv_type.Request())
-        robot.until(lambda: len(selector.children()) >= 2)  # the worker and its tracker
+        # The tracker, the worker, and those that it shares the work with.
+        robot.until(lambda: len(selector.children()) >= (2 if cores == 1 else 4))
         if moment == 'selecting':
             status = 'selector: selection'
             robot.until(lambda: robot.diagnostics[status][2]['worker'] == 'computing')
@@ -440,7 +443,9 @@ def test_signals_end_the_node_and_its_worker_cleanly(selector, robot, number, mo
     robot.until(lambda: not any(map(is_running, children)), 2)
 
 
-def test_a_worker_does_not_outlive_a_killed_node(selector, robot):
+@pytest.mark.parametrize('cores', [1, 2])
+def test_no_worker_outlives_a_killed_node(selector, robot, cores):
+    robot.set_parameter('worker_threads', cores)
     robot.publish_episodes(rollout('with_gravel', 40, seed=0), channel_names('with_gravel'))
     robot.wait_for_episodes(40)
     robot.select_client.call_async(robot.select_client.srv_type.Request())
