@@ -6,6 +6,7 @@ SCENARIO ?= without_gravel
 PAPER ?=
 BENCHMARK ?=
 GROWTH ?=
+REFRESH ?=
 ACCURACY ?=
 SOAK ?=
 unexport PYTHONDONTWRITEBYTECODE
@@ -31,7 +32,7 @@ ENTER := . $(VENV)/bin/activate && { [ ! -f install/setup.bash ] || . install/se
 # In the environment's own Python: a colcon outside of it would build for another one.
 COLCON := python -c 'import sys; from colcon_core.command import main; sys.exit(main())'
 
-.PHONY: help demo test soak paper benchmark growth accuracy lint build clean
+.PHONY: help demo test soak paper benchmark growth refresh accuracy lint build clean
 
 help:
 	@echo 'make demo [SCENARIO=with_gravel]  see it at work: simulator, selector, downstream node'
@@ -40,6 +41,7 @@ help:
 	@echo "make paper [PAPER='--trials 6']    recompute the paper's figures into reproduction/"
 	@echo "make benchmark [BENCHMARK='--trials 3']  time and rank sum: direct port, engine, KDR, peers"
 	@echo "make growth [GROWTH='steps']       time and memory over episodes, steps, channels: growth/"
+	@echo "make refresh [REFRESH='--top 14']  what keeping the last selection's tuning would save"
 	@echo "make accuracy [ACCURACY='--trials 6']  rank sums on many tasks from few episodes"
 	@echo 'make clean                        remove everything that these made but reproduction/ and growth/'
 
@@ -63,6 +65,9 @@ benchmark: build
 
 growth: build
 	@$(ENTER) && exec install/cmifs_ros/lib/cmifs_ros/benchmark_growth $(GROWTH)
+
+refresh: build
+	@$(ENTER) && exec install/cmifs_ros/lib/cmifs_ros/benchmark_refresh $(REFRESH)
 
 accuracy: build
 	@$(ENTER) && exec install/cmifs_ros/lib/cmifs_ros/accuracy $(ACCURACY)

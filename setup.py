@@ -39,6 +39,7 @@ setup(
             'accuracy = cmifs_ros.tools.accuracy:main',
             'benchmark = cmifs_ros.tools.benchmark:main',
             'benchmark_growth = cmifs_ros.tools.benchmark_growth:main',
+            'benchmark_refresh = cmifs_ros.tools.benchmark_refresh:main',
             'demo = cmifs_ros.tools.demo:main',
             'reproduce_paper = cmifs_ros.tools.reproduce_paper:main',
             'selector_node = cmifs_ros.ros.run_node:selector_node',

@@ -98,6 +98,7 @@ def test_installed_data_files_are_where_ros_looks_for_them():
         'lib/cmifs_ros/accuracy',
         'lib/cmifs_ros/benchmark',
         'lib/cmifs_ros/benchmark_growth',
+        'lib/cmifs_ros/benchmark_refresh',
         'lib/cmifs_ros/demo',
         'lib/cmifs_ros/reproduce_paper',
         'lib/cmifs_ros/selector_node',
