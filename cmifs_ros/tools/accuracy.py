@@ -12,7 +12,6 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from . import methods, tasks
-from .alternatives import READINGS
 from .arguments import names_among, number_from, numbers_from
 from .methods import METHODS
 from .parallel_trials import finish
@@ -22,9 +21,10 @@ from .tables import markdown_table
 from .tasks import TASKS
 from .trial_log import TrialLog
 
-#: In the order of the table. The direct port would give what the default gives.
-COLUMNS = ('default', 'paper', 'kdr', 'ennemi', 'sklearn')
-#: Those asked for by default; `with_fixed_gravel` and `READINGS` are other readings of the paper.
+#: Those asked for by default, first in the table, where the others follow.
+USUAL_METHODS = ('default', 'paper', 'kdr', 'ennemi', 'sklearn')
+ALL_METHODS = tuple(dict.fromkeys((*USUAL_METHODS, *METHODS)))
+#: `with_fixed_gravel` is another reading of the paper.
 USUAL_TASKS = tuple(name for name in TASKS if name != 'with_fixed_gravel')
 
 
@@ -39,7 +39,7 @@ def available(names: Sequence[str], what_is_missing) -> list[str]:
 
 def table(results: Results, wanted: Sequence[Trial]) -> str:
     """Return the table; a row is a task with a number of episodes, a column a method."""
-    columns = [method for method in (*COLUMNS, *READINGS) if method in results.methods]
+    columns = [method for method in ALL_METHODS if method in results.methods]
     rows = []
     for scenario, episodes in dict.fromkeys((t.scenario, t.episodes) for t in wanted):
         cells = (
@@ -89,10 +89,10 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     )
     parser.add_argument(
         '--methods',
-        type=names_among((*COLUMNS, *READINGS)),
-        default=','.join(COLUMNS),
+        type=names_among(ALL_METHODS),
+        default=','.join(USUAL_METHODS),
         metavar='NAME,...',
-        help=f'default %(default)s; also {",".join(READINGS)}',
+        help=f'default %(default)s; also {",".join(ALL_METHODS[len(USUAL_METHODS) :])}',
     )
     parser.add_argument(
         '--episodes',

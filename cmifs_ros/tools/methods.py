@@ -20,6 +20,9 @@ METHODS = {
     'kdr': 'KDR',
     'paper': "ours, set as in the paper ('paper')",
     'default': 'ours, default',
+    'centers_25': 'ours, 25 centres',
+    'centers_50': 'ours, 50 centres',
+    'centers_all': 'ours, all centres',
     'ennemi': 'ennemi, a step and a channel at a time',
     'sklearn': 'scikit-learn, a step and a channel at a time',
     'direct_port': 'direct port',
@@ -30,6 +33,8 @@ METHODS = {
     'kdr_own_widths': 'KDR, a width for each set',
     'kdr_scaled': 'KDR, eps times M',
 }
+#: The default with other bounds of the number of kernel centres.
+NUM_CENTERS = {'centers_25': 25, 'centers_50': 50, 'centers_all': None}
 #: What pip calls the packages that a method of the same name needs.
 _PACKAGES = {'ennemi': 'ennemi', 'sklearn': 'scikit-learn'}
 
@@ -97,7 +102,8 @@ def rank(
     elif method == 'paper':
         selector = ConditionalMISelector.paper(count, random_state=seed, executor=executor)
     else:
-        selector = ConditionalMISelector(count, random_state=seed, executor=executor)
+        options = {'num_centers': NUM_CENTERS[method]} if method in NUM_CENTERS else {}
+        selector = ConditionalMISelector(count, random_state=seed, executor=executor, **options)
     selector.fit(episodes)
     return Ranking(tuple(selector.ranking_.tolist()), tuple(selector.scores_.tolist()))
 
