@@ -8,6 +8,7 @@ BENCHMARK ?=
 GROWTH ?=
 REFRESH ?=
 ACCURACY ?=
+ORACLE ?=
 SOAK ?=
 unexport PYTHONDONTWRITEBYTECODE
 # Nothing leaves this machine.
@@ -32,7 +33,7 @@ ENTER := . $(VENV)/bin/activate && { [ ! -f install/setup.bash ] || . install/se
 # In the environment's own Python: a colcon outside of it would build for another one.
 COLCON := python -c 'import sys; from colcon_core.command import main; sys.exit(main())'
 
-.PHONY: help demo test soak paper benchmark growth refresh accuracy lint build clean
+.PHONY: help demo test soak paper benchmark growth refresh accuracy oracle lint build clean
 
 help:
 	@echo 'make demo [SCENARIO=with_gravel]  see it at work: simulator, selector, downstream node'
@@ -43,6 +44,7 @@ help:
 	@echo "make growth [GROWTH='steps']       time and memory over episodes, steps, channels: growth/"
 	@echo "make refresh [REFRESH='--top 14']  what keeping the last selection's tuning would save"
 	@echo "make accuracy [ACCURACY='--trials 6']  rank sums on many tasks from few episodes"
+	@echo "make oracle [ORACLE='--trials 6']  the same for one who knows all but one of the channels"
 	@echo 'make clean                        remove everything that these made but reproduction/ and growth/'
 
 demo: build
@@ -71,6 +73,9 @@ refresh: build
 
 accuracy: build
 	@$(ENTER) && exec install/cmifs_ros/lib/cmifs_ros/accuracy $(ACCURACY)
+
+oracle: build
+	@$(ENTER) && exec install/cmifs_ros/lib/cmifs_ros/accuracy_oracle $(ORACLE)
 
 lint: $(VENV)/ready
 	$(VENV)/bin/ruff check . && $(VENV)/bin/ruff format --check .

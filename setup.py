@@ -37,6 +37,7 @@ setup(
     entry_points={
         'console_scripts': [
             'accuracy = cmifs_ros.tools.accuracy:main',
+            'accuracy_oracle = cmifs_ros.tools.accuracy_oracle:main',
             'benchmark = cmifs_ros.tools.benchmark:main',
             'benchmark_growth = cmifs_ros.tools.benchmark_growth:main',
             'benchmark_refresh = cmifs_ros.tools.benchmark_refresh:main',

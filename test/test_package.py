@@ -96,6 +96,7 @@ def test_installed_data_files_are_where_ros_looks_for_them():
         'share/cmifs_ros/config/cmifs_ros.yaml',
         'share/cmifs_ros/launch/cmifs_ros.launch.xml',
         'lib/cmifs_ros/accuracy',
+        'lib/cmifs_ros/accuracy_oracle',
         'lib/cmifs_ros/benchmark',
         'lib/cmifs_ros/benchmark_growth',
         'lib/cmifs_ros/benchmark_refresh',

@@ -24,19 +24,10 @@ from cmifs_ros.sim import SCENARIOS
 
 from .arguments import number_from
 from .benchmark import machine
+from .methods import DEFAULT_SETTINGS, default_criterion
 from .program import exit_code
 from .tables import markdown_table
 from .tasks import TASKS
-
-#: The default's, as of `ConditionalMISelector`.
-SETTINGS = {
-    'gamma': 0.95,
-    'standardize': True,
-    'max_time_bins': 32,
-    'tuning_window': 2,
-    'random_state': 0,
-    'executor': None,
-}
 
 #: The grid point of each step, for a set of channels.
 Points = dict[tuple[int, ...], np.ndarray]
@@ -49,7 +40,7 @@ class RefreshedMI(ConditionalMI):
     """
 
     def __init__(self, episodes: Sequence[Episode], points: Points):
-        super().__init__(episodes, Lsmi(), **SETTINGS)
+        super().__init__(episodes, Lsmi(), **DEFAULT_SETTINGS, random_state=0, executor=None)
         self.points = dict(points)
 
     def __call__(self, subsets: Sequence[Sequence[int]]) -> np.ndarray:
@@ -109,7 +100,7 @@ def compare(episodes: Sequence[Episode], top: int) -> Comparison:
 
     before = RefreshedMI(episodes[:-1], {})
     ranking_before, _ = ranked(before)
-    full, full_seconds = ranked(ConditionalMI(episodes[1:], Lsmi(), **SETTINGS))
+    full, full_seconds = ranked(default_criterion(episodes[1:], seed=0))
     refresh, refresh_seconds = ranked(RefreshedMI(episodes[1:], before.points))
     after = RefreshedMI(episodes[1:], {})
     ranked(after)

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cmifs_ros.core import ConditionalMISelector, Episode, KDRSelector
+from cmifs_ros.core import ConditionalMI, ConditionalMISelector, Episode, KDRSelector, Lsmi
 
 from .alternatives import READINGS, rank_read
 from .direct_port import rank_directly
@@ -37,6 +37,15 @@ METHODS = {
 NUM_CENTERS = {'centers_25': 25, 'centers_50': 50, 'centers_all': None}
 #: What pip calls the packages that a method of the same name needs.
 _PACKAGES = {'ennemi': 'ennemi', 'sklearn': 'scikit-learn'}
+
+
+#: Of `ConditionalMI`, as `ConditionalMISelector` has them by default.
+DEFAULT_SETTINGS = {
+    'gamma': 0.95,
+    'standardize': True,
+    'max_time_bins': 32,
+    'tuning_window': 2,
+}
 
 
 class Ranking(NamedTuple):
@@ -106,6 +115,11 @@ def rank(
         selector = ConditionalMISelector(count, random_state=seed, executor=executor, **options)
     selector.fit(episodes)
     return Ranking(tuple(selector.ranking_.tolist()), tuple(selector.scores_.tolist()))
+
+
+def default_criterion(episodes: Sequence[Episode], seed: int) -> ConditionalMI:
+    """Return the criterion of `ConditionalMISelector(random_state=seed)`."""
+    return ConditionalMI(episodes, Lsmi(), **DEFAULT_SETTINGS, random_state=seed, executor=None)
 
 
 def rank_sum(ranking: Sequence[int], relevant: Sequence[int], num_channels: int) -> float:

@@ -8,8 +8,11 @@ pytest.importorskip('joblib')
 pytest.importorskip('matplotlib')
 
 from cmifs_ros.core import Episode
+from cmifs_ros.core.samples import step_samples
 from cmifs_ros.sim import rollout_chain
+from cmifs_ros.tools import accuracy_oracle
 from cmifs_ros.tools.accuracy import main
+from cmifs_ros.tools.direct_port import conditional_mi
 from cmifs_ros.tools.distractors import distractor_names, with_distractors
 from cmifs_ros.tools.environments import ENVIRONMENTS, rollout_environment
 from cmifs_ros.tools.methods import rank
@@ -195,3 +198,28 @@ def test_the_peers_find_what_a_single_channel_tells(method):
         rank(method, episodes, target=(2,), seed=0, num_features=2).channels
         == (ranking.channels[:2])
     )
+
+
+def test_the_oracle_finds_what_tells_much(capsys):
+    options = ['--tasks', 'with_gravel', '--episodes', '40', '--trials', '2', '--first-seed', '0']
+    assert accuracy_oracle.main([*options, '--jobs', '1']) == 0
+    rows = [line.split(' | ') for line in capsys.readouterr().out.splitlines() if '| 40 |' in line]
+    assert [row[2] for row in rows] == ['x', 'y', 'battery', 'gravel']
+    assert rows[0][3:] == ['10.00 ± 0.00', '0 |']
+
+
+def test_the_oracle_counts_what_the_direct_port_scores_higher():
+    episodes = TASKS['with_gravel'].rollout(8, 3)
+    steps = step_samples(
+        episodes,
+        gamma=0.95,
+        standardize=True,
+        max_time_bins=32,
+        num_folds=5,
+        num_centers=200,
+        random_state=3,
+    )
+    scores = [conditional_mi(steps, (0, 1, 2, c), 'held_out', 2) for c in range(3, 14)]
+    expected = sum(score > scores[0] for score in scores)
+    assert expected > 0
+    assert accuracy_oracle.ranked_higher('with_gravel', 8, 3)[3] == expected

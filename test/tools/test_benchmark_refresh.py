@@ -2,10 +2,10 @@ import re
 
 import pytest
 
-from cmifs_ros.core import ConditionalMI, Lsmi
 from cmifs_ros.sim import rollout
 from cmifs_ros.tools import benchmark_refresh
-from cmifs_ros.tools.benchmark_refresh import SETTINGS, RefreshedMI
+from cmifs_ros.tools.benchmark_refresh import RefreshedMI
+from cmifs_ros.tools.methods import default_criterion
 
 
 def test_on_the_same_episodes_a_refresh_scores_as_the_full_search_did():
@@ -14,7 +14,7 @@ def test_on_the_same_episodes_a_refresh_scores_as_the_full_search_did():
     full = RefreshedMI(episodes, {})
     scores = full(subsets)
     assert full(subsets) == pytest.approx(scores, abs=1e-4)
-    exact = ConditionalMI(episodes, Lsmi(), **SETTINGS)(subsets)
+    exact = default_criterion(episodes, seed=0)(subsets)
     assert scores == pytest.approx(exact, abs=1e-3)
     # Of another width the scores would be others.
     elsewhere = {subset: (points + 18) % 81 for subset, points in full.points.items()}

@@ -1,0 +1,103 @@
+"""How well one could do at best with this criterion: an oracle knows all relevant channels but one.
+
+Given the others, it ranks the one that it does not know among the irrelevant channels. The rank
+sum it arrives at is the optimum plus the number of irrelevant channels that score higher. Forward
+selection, which has to find the others too, can hardly do better.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+
+import joblib
+import numpy as np
+
+from .accuracy import USUAL_TASKS
+from .arguments import names_among, number_from, numbers_from
+from .methods import default_criterion, mean_and_error
+from .program import exit_code
+from .tables import markdown_table
+from .tasks import TASKS, what_is_missing
+
+
+def ranked_higher(task: str, num_episodes: int, seed: int) -> list[int]:
+    """Return how many irrelevant channels score higher than each relevant one."""
+    episodes = TASKS[task].rollout(num_episodes, seed)
+    criterion = default_criterion(episodes, seed)
+    relevant = TASKS[task].relevant
+    irrelevant = [c for c in range(episodes[0].num_channels) if c not in relevant]
+    found = []
+    for unknown in relevant:
+        known = [c for c in relevant if c != unknown]
+        scores = criterion([[*known, c] for c in (unknown, *irrelevant)])
+        found.append(int(np.sum(scores[1:] > scores[0])))
+    return found
+
+
+def run(options: argparse.Namespace) -> None:
+    """Ask the oracle, then print."""
+    rows = []
+    for task in options.tasks:
+        if what_is_missing(task):
+            print(f'{task}: {what_is_missing(task)}')
+            continue
+        for num_episodes in options.episodes:
+            seeds = range(options.first_seed, options.first_seed + options.trials)
+            found = joblib.Parallel(n_jobs=options.jobs)(
+                joblib.delayed(ranked_higher)(task, num_episodes, seed) for seed in seeds
+            )
+            for channel, higher in zip(TASKS[task].relevant, zip(*found, strict=True), strict=True):
+                mean, error = mean_and_error(higher)
+                rows.append((
+                    task,
+                    num_episodes,
+                    TASKS[task].channel_names[channel],
+                    f'{TASKS[task].optimum + mean:.2f} ± {error:.2f}',
+                    sum(count > 0 for count in higher),
+                ))  # fmt: skip
+    print(f'\n{options.trials} trials, seeds from {options.first_seed}.\n')
+    head = ('task', 'episodes', 'not known', 'rank sum', 'trials that miss it')
+    print(markdown_table(head, rows), end='')
+
+
+def parse(arguments: list[str] | None) -> argparse.Namespace:
+    """Return the options; a bad one ends the program with a sentence."""
+    parser = argparse.ArgumentParser(
+        prog='accuracy_oracle', description=' '.join(__doc__.split()), allow_abbrev=False
+    )
+    parser.add_argument(
+        '--tasks',
+        type=names_among(USUAL_TASKS),
+        default='without_gravel,with_gravel',
+        metavar='NAME,...',
+        help='default %(default)s',
+    )
+    parser.add_argument(
+        '--episodes',
+        type=numbers_from(2),
+        default='20,40',
+        metavar='M,M,...',
+        help='default %(default)s',
+    )
+    parser.add_argument('--trials', type=number_from(1), default=50, help='default 50')
+    parser.add_argument(
+        '--first-seed',
+        type=number_from(0),
+        default=1000,
+        help='trial i has the seed FIRST_SEED + i (default 1000)',
+    )
+    parser.add_argument(
+        '--jobs', type=number_from(1), default=-1, help='processes (default: one a core)'
+    )
+    return parser.parse_args(arguments)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Ask and print; return the exit code."""
+    options = parse(arguments)
+    return exit_code('accuracy_oracle', lambda: run(options))
+
+
+if __name__ == '__main__':
+    sys.exit(main())
