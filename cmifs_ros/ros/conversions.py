@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from array import array
 from collections.abc import Iterable, Sequence
-from math import isfinite
 
 import numpy as np
 from builtin_interfaces.msg import Time
@@ -12,7 +12,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Header, Int32MultiArray, MultiArrayDimension
 from visualization_msgs.msg import Marker, MarkerArray
 
-from .transitions import MAX_CHANNELS, RewardSample, listed
+from .transitions import MAX_CHANNELS, RewardSample
 
 NANOSECONDS = 1_000_000_000
 
@@ -28,8 +28,8 @@ def stamp_from_nanoseconds(nanoseconds: int) -> Time:
     return Time(sec=sec, nanosec=nanosec)
 
 
-def named_values(msg: JointState) -> tuple[tuple[str, ...], np.ndarray]:
-    """Return the names and the positions of a message, as they are: lengths may differ.
+def named_values(msg: JointState) -> tuple[list[str], array]:
+    """Return the names and the positions of a message itself, no copies: lengths may differ.
 
     Raises
     ------
@@ -37,51 +37,16 @@ def named_values(msg: JointState) -> tuple[tuple[str, ...], np.ndarray]:
         If there are more of either than a state may have channels.
 
     """
-    _check_size(msg)
-    return tuple(msg.name), np.array(msg.position, dtype=np.float64)
-
-
-def _check_size(msg: JointState) -> None:
-    size = max(len(msg.name), len(msg.position))
-    if size > MAX_CHANNELS:
+    names, values = msg.name, msg.position
+    if len(names) > MAX_CHANNELS or len(values) > MAX_CHANNELS:
+        size = max(len(names), len(values))
         raise ValueError(f'there are {size} names or positions; expected at most {MAX_CHANNELS}')
+    return names, values
 
 
 def named_values_to_msg(header: Header, names: Iterable[str], values: Iterable[float]):
     """Return a JointState with the given names and positions."""
     return JointState(header=header, name=list(names), position=[float(v) for v in values])
-
-
-def reward_sample(msg: JointState) -> RewardSample:
-    """Read a `reward` message; only the field `reward` is required.
-
-    Raises
-    ------
-    ValueError
-        If lengths differ or are too large, `reward` is missing, or a field is not finite.
-
-    """
-    names, values = msg.name, msg.position
-    _check_size(msg)
-    if len(names) != len(values):
-        raise ValueError(f'{len(values)} positions for {len(names)} names; expected as many')
-    fields = dict(zip(names, values, strict=True))
-    if 'reward' not in fields:
-        raise ValueError(f'fields are {listed(names) or "none"}; expected reward among them')
-    for name, value in fields.items():
-        if not isfinite(value):
-            raise ValueError(f'{listed([name])} is {value}; expected a finite number')
-    return RewardSample(
-        reward=fields['reward'],
-        terminated=_optional(fields.get('terminated'), bool),
-        truncated=_optional(fields.get('truncated'), bool),
-        episode=_optional(fields.get('episode'), int),
-        step=_optional(fields.get('step'), int),
-    )
-
-
-def _optional(value, convert):
-    return None if value is None else convert(value)
 
 
 def reward_sample_to_msg(header: Header, sample: RewardSample, action: int) -> JointState:

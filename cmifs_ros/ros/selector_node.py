@@ -30,6 +30,7 @@ from .drift import Drift
 from .episode_file import Saved
 from .episode_saver import EpisodeSaver
 from .parameters import declare
+from .reward_reader import RewardReader
 from .selection_queue import Job, Outcome, RefusedError, SelectionQueue
 from .selector_parameters import (
     PARAMETERS,
@@ -66,6 +67,7 @@ class SelectorNode(Node):
         max_bytes = self._settings['max_buffer_mb'] * MEGABYTE
         self._buffer = EpisodeBuffer(self._max_episodes, max_bytes)
         self._assembler = EpisodeAssembler(self._settings['max_episode_steps'], max_bytes)
+        self._reward_reader = RewardReader()
         self._queue = SelectionQueue(
             self._make_job,
             lambda: self._revision,
@@ -144,14 +146,16 @@ class SelectorNode(Node):
             return
         stamp = conversions.stamp_to_nanoseconds(msg.header.stamp)
         were_known = self._assembler.channel_names is not None
-        self._keep(self._assembler.add_state(stamp, names, values))
+        episodes = self._assembler.add_state(stamp, names, values)
+        if episodes:
+            self._keep(episodes)
         if not were_known and self._assembler.channel_names is not None:
             self._drop_foreign_selection()
 
     def _on_reward(self, msg: JointState) -> None:
         self._last_at['reward'] = time.monotonic()
         try:
-            sample = conversions.reward_sample(msg)
+            sample = self._reward_reader.read(*conversions.named_values(msg))
         except ValueError as error:
             self._assembler.drop_message('malformed_reward', f'in a reward message, {error}')
             return
@@ -159,7 +163,9 @@ class SelectorNode(Node):
             self._is_reward_announced = True
             self._announce(sample)
         stamp = conversions.stamp_to_nanoseconds(msg.header.stamp)
-        self._keep(self._assembler.add_reward(stamp, sample))
+        episodes = self._assembler.add_reward(stamp, sample)
+        if episodes:
+            self._keep(episodes)
 
     def _on_incompatible_qos(self, topic: str, event) -> None:
         policy = qos_policy_name_from_kind(event.last_policy_kind)
@@ -199,23 +205,23 @@ class SelectorNode(Node):
             self._revision += 1
             if self._drift is not None:
                 self._drift.add(episode)
-        if episodes:
-            self._save()
+        self._save()
 
     # --- data out
 
     def _relay(self, msg: JointState) -> None:
-        if len(msg.name) != len(msg.position):
+        names, values = msg.name, msg.position
+        if len(names) != len(values):
             return
-        out = self._selected_state  # One message for all: making one takes as long as sending it.
         if self._filter is not None:
-            out.name, values = self._filter.names, self._filter.pick(msg.name, msg.position)
-        elif self._settings['pass_through_until_selected']:
-            out.name, values = msg.name, msg.position
-        else:
+            values = self._filter.pick(names, values)
+            names = self._filter.names
+        elif not self._settings['pass_through_until_selected']:
             return
-        if values is not None:
-            out.header, out.position = msg.header, values
+        # Publishing is most of the work, also for nobody.
+        if values is not None and self._state_publisher.get_subscription_count():
+            out = self._selected_state  # One message for all: a new one takes as long to make.
+            out.header, out.name, out.position = msg.header, names, values
             self._state_publisher.publish(out)
 
     def _drop_foreign_selection(self) -> None:

@@ -9,8 +9,9 @@ from __future__ import annotations
 from array import array
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import takewhile
+from math import isfinite
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,8 +24,7 @@ MAX_CHANNELS = 4096
 MAX_NAME_LENGTH = 256
 
 
-@dataclass(frozen=True)
-class RewardSample:
+class RewardSample(NamedTuple):
     """The reward of one step and what its publisher says of the step; None: says nothing."""
 
     reward: float
@@ -44,18 +44,11 @@ class RewardSample:
         return bool(self.terminated or self.truncated)
 
 
-@dataclass(frozen=True)
-class Transition:
+class Transition(NamedTuple):
     """A state and its reward."""
 
-    state: np.ndarray
+    state: array
     sample: RewardSample
-
-    def holds(self, content: np.ndarray | RewardSample) -> bool:
-        """Tell whether a state or a reward is the one of this transition."""
-        if isinstance(content, RewardSample):
-            return content == self.sample
-        return np.array_equal(content, self.state)
 
 
 class Waiting(dict):
@@ -73,6 +66,8 @@ class Waiting(dict):
 
     def older_than(self, stamp: int) -> list[int]:
         """Return the stamps before another."""
+        if not self:
+            return []
         if self._is_in_order:
             return list(takewhile(lambda waiting: waiting < stamp, self))
         return [waiting for waiting in self if waiting < stamp]
@@ -123,6 +118,8 @@ class EpisodeAssembler:
     def clear(self) -> None:
         """Forget the open episode, all that waits, and the channels; keep the counts."""
         self.channel_names: tuple[str, ...] | None = None
+        self._layout: list[str] = []
+        self._columns: list[int] | None = None
         self._states = Waiting()
         self._rewards = Waiting()
         self._recent: dict[int, Transition] = {}
@@ -137,15 +134,16 @@ class EpisodeAssembler:
         """States and rewards that wait for their partner."""
         return len(self._states) + len(self._rewards)
 
-    def add_state(self, stamp: int, names: tuple[str, ...], values: np.ndarray) -> list[Episode]:
+    def add_state(self, stamp: int, names: list[str], values: array) -> list[Episode]:
         """Take a state; return the episodes that it completes.
 
         Parameters
         ----------
         stamp : int
             Nanoseconds.
-        names : tuple of str
-        values : numpy.ndarray, shape (len(names),)
+        names : list of str
+        values : array of float
+            As many as names. Both are kept, not copied: they may not change afterwards.
 
         """
         state = self._checked_state(names, values)
@@ -166,18 +164,35 @@ class EpisodeAssembler:
         self.dropped_messages[cause] += count
         self.last_drop = what
 
-    def _checked_state(self, names: tuple[str, ...], values: np.ndarray) -> np.ndarray | None:
+    def _checked_state(self, names: list[str], values: array) -> array | None:
+        """Return the values in the order of the channels, or None if they cannot be used."""
         if len(names) != len(values) or not names:
             self.drop_message(
                 'wrong_length', f'a state has {len(values)} values for {len(names)} names'
             )
             return None
+        if names != self._layout and not self._learn_layout(names):
+            return None
+        # One value that is not finite makes the sum so; finite ones do only if they are huge.
+        if not isfinite(sum(values)) and not all(map(isfinite, values)):
+            bad = next(i for i, value in enumerate(values) if not isfinite(value))
+            self.drop_message('not_finite', f'channel {listed([names[bad]])} is {values[bad]}')
+            return None
+        if self.channel_names is None:
+            self.channel_names = tuple(names)
+        if self._columns is not None:
+            return array('d', [values[column] for column in self._columns])
+        return values
+
+    def _learn_layout(self, names: list[str]) -> bool:
+        """Take the names of a state whose successors mostly have the same, in the same order."""
+        columns = None
         if self.channel_names is None:
             problem = problem_of_names(names)
             if problem:
                 self.drop_message('wrong_channels', f'a state has {problem}')
-                return None
-        elif names != self.channel_names:
+                return False
+        elif tuple(names) != self.channel_names:
             if len(names) != len(self.channel_names) or set(names) != set(self.channel_names):
                 odd = sorted(set(names) ^ set(self.channel_names)) or ['a repeated name']
                 self.drop_message(
@@ -185,24 +200,16 @@ class EpisodeAssembler:
                     f'a state differs from the {len(self.channel_names)} known channels '
                     f'by {listed(odd)}',
                 )
-                return None
-            values = values[[names.index(name) for name in self.channel_names]]
-        finite = np.isfinite(values)
-        if not finite.all():
-            bad = int(np.argmin(finite))
-            self.drop_message(
-                'not_finite',
-                f'channel {listed([(self.channel_names or names)[bad]])} is {values[bad]}',
-            )
-            return None
-        if self.channel_names is None:
-            self.channel_names = names
-        return values
+                return False
+            column_of = {name: column for column, name in enumerate(names)}
+            columns = [column_of[name] for name in self.channel_names]
+        self._layout, self._columns = names, columns
+        return True
 
     def _is_new(self, stamp: int, content, waiting: dict, what: str) -> bool:
         """Tell whether a message is none of those already taken, and make room for it."""
         paired = self._recent.get(stamp)
-        if stamp in waiting or (paired is not None and paired.holds(content)):
+        if stamp in waiting or (paired is not None and content in paired):
             self.drop_message('duplicate_stamp', f'a second {what} is stamped {stamp} ns')
             return False
         if len(waiting) >= MAX_PENDING:
@@ -269,7 +276,7 @@ class EpisodeAssembler:
             self._break_episode('step_gap', f'step {sample.step} came after step {previous.step}')
 
         if self._open_rewards or self._may_begin(sample, previous):
-            self._open_states.frombytes(transition.state.tobytes())
+            self._open_states.extend(transition.state)
             self._open_rewards.append(sample.reward)
             self._skipping = self._was_cut = False
         elif not self._skipping:

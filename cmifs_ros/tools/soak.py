@@ -13,6 +13,7 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -427,7 +428,8 @@ class Soak:
         """Find the highest rate without loss, of the selector and of a bare subscriber."""
         best = {}
         for node, output in (('counter', 'counts'), ('selector', 'selected_state')):
-            process = Process.bare(self.folder, node, selection_period=0.0)
+            start = Process.selector if node == 'selector' else partial(Process.bare, node=node)
+            process = start(self.folder, selection_period=0.0)
             # The sender has enough to do: nobody listens to the selected states.
             with robot_and(process, listens=False) as robot:
                 robot.wait_for(output)

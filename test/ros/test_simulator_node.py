@@ -10,6 +10,7 @@ from sensor_msgs.msg import JointState
 from visualization_msgs.msg import MarkerArray
 
 from cmifs_ros.ros import conversions
+from cmifs_ros.ros.reward_reader import RewardReader
 from cmifs_ros.ros.transitions import EpisodeAssembler
 from cmifs_ros.sim import channel_names, rollout
 from cmifs_ros.sim.grid_world import WALLS
@@ -23,6 +24,7 @@ class Listener:
     def __init__(self, robot):
         self.assembler = EpisodeAssembler(1000)
         self.episodes = []
+        self.reward_reader = RewardReader()
         self.state_names = []
         self.reward_names = set()
         robot.node.create_subscription(JointState, 'state', self._on_state, QOS)
@@ -30,14 +32,15 @@ class Listener:
 
     def _on_state(self, msg):
         names, values = conversions.named_values(msg)
-        self.state_names.append(names)
+        self.state_names.append(tuple(names))
         stamp = conversions.stamp_to_nanoseconds(msg.header.stamp)
         self.episodes += self.assembler.add_state(stamp, names, values)
 
     def _on_reward(self, msg):
         self.reward_names.add(tuple(msg.name))
         stamp = conversions.stamp_to_nanoseconds(msg.header.stamp)
-        self.episodes += self.assembler.add_reward(stamp, conversions.reward_sample(msg))
+        sample = self.reward_reader.read(*conversions.named_values(msg))
+        self.episodes += self.assembler.add_reward(stamp, sample)
 
 
 @pytest.mark.parametrize('scenario', ['without_gravel', 'with_gravel'])

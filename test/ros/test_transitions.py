@@ -1,4 +1,5 @@
 import itertools
+from array import array
 
 import numpy as np
 import pytest
@@ -7,12 +8,12 @@ from hypothesis import strategies as st
 
 from cmifs_ros.ros.transitions import MAX_PENDING, EpisodeAssembler, RewardSample
 
-NAMES = ('a', 'b')
+NAMES = ['a', 'b']
 
 
 def state_of(number):
     """Return a state that tells which transition it belongs to."""
-    return np.array([float(number), -float(number)])
+    return array('d', [number, -number])
 
 
 def sample_of(number, step, length, *, fields=('ends', 'episode', 'step'), episode=0):
@@ -136,9 +137,9 @@ def test_joining_midway_waits_for_the_next_beginning():
 
 def test_channels_are_matched_by_name():
     assembler = EpisodeAssembler(100)
-    assembler.add_state(10, ('a', 'b'), np.array([1.0, 2.0]))
+    assembler.add_state(10, ['a', 'b'], array('d', [1, 2]))
     assembler.add_reward(10, sample_of(0, 0, 2))
-    assembler.add_state(20, ('b', 'a'), np.array([4.0, 3.0]))
+    assembler.add_state(20, ['b', 'a'], array('d', [4, 3]))
     (episode,) = assembler.add_reward(20, sample_of(1, 1, 2))
     assert episode.states.tolist() == [[1, 2], [3, 4]]
 
@@ -162,7 +163,7 @@ def test_an_unusable_state_is_counted_and_disturbs_only_its_episode(names, value
     assembler = EpisodeAssembler(100)
     transitions = stream([2, 2, 2])
     episodes = feed(assembler, transitions[:2])
-    assembler.add_state(transitions[2][0], names, np.array(values))
+    assembler.add_state(transitions[2][0], list(names), array('d', values))
     assembler.add_reward(transitions[2][0], transitions[2][2])
     episodes += feed(assembler, transitions[3:])
     assert rewards(episodes) == [[0, 1], [4, 5]]
@@ -170,10 +171,17 @@ def test_an_unusable_state_is_counted_and_disturbs_only_its_episode(names, value
     assert sum(assembler.dropped_episodes.values()) == 1
 
 
+def test_huge_values_are_finite_though_their_sum_is_not():
+    assembler = EpisodeAssembler(100)
+    assembler.add_state(1, NAMES, array('d', [1e308, 1e308]))
+    (episode,) = assembler.add_reward(1, sample_of(0, 0, 1))
+    assert episode.states.tolist() == [[1e308, 1e308]]
+
+
 def test_a_first_state_with_bad_names_does_not_become_the_norm():
     assembler = EpisodeAssembler(100)
-    assembler.add_state(1, ('a', 'a'), np.zeros(2))
-    assembler.add_state(2, ('a', 'b'), np.array([0.0, np.nan]))
+    assembler.add_state(1, ['a', 'a'], array('d', [0, 0]))
+    assembler.add_state(2, ['a', 'b'], array('d', [0, np.nan]))
     assert assembler.channel_names is None
     assert rewards(feed(assembler, stream([2]))) == [[0, 1]]
 
@@ -287,7 +295,7 @@ def test_fields_may_come_and_go_without_harm():
 
 def test_clear_forgets_channels_and_what_is_open_but_not_the_counts():
     assembler = EpisodeAssembler(100)
-    assembler.add_state(1, ('a', ''), np.zeros(2))
+    assembler.add_state(1, ['a', ''], array('d', [0, 0]))
     feed(assembler, stream([3])[:2])
     assembler.clear()
     assert assembler.channel_names is None
@@ -314,7 +322,7 @@ def test_every_episode_that_comes_out_was_sent_complete_and_in_order(data):
         elif kind == 'swap':
             messages[i], messages[i + 1] = messages[i + 1], messages[i]
         elif messages[i][0] == 'state':
-            messages[i] = ('state', messages[i][1], np.full(2, np.nan))
+            messages[i] = ('state', messages[i][1], array('d', [np.nan] * 2))
 
     assembler = EpisodeAssembler(100)
     episodes = deliver(assembler, messages)
@@ -373,11 +381,11 @@ def spoil(data, messages, spoiled):
 
 
 BAD_STATES = st.sampled_from([
-    lambda m: (m[0], m[1], np.array([np.nan, 1.0])),
-    lambda m: (m[0], m[1], np.array([1.0])),
-    lambda m: (m[0], ('a', ''), m[2]),
-    lambda m: (m[0], ('a', 'renamed'), m[2]),
-    lambda m: (m[0], (*NAMES, 'new'), np.zeros(3)),
+    lambda m: (m[0], m[1], array('d', [np.nan, 1])),
+    lambda m: (m[0], m[1], array('d', [1])),
+    lambda m: (m[0], ['a', ''], m[2]),
+    lambda m: (m[0], ['a', 'renamed'], m[2]),
+    lambda m: (m[0], [*NAMES, 'new'], array('d', [0] * 3)),
     lambda m: (m[0] + 3, m[1], m[2]),
 ])  # fmt: skip
 BAD_SAMPLES = st.just(lambda m: (m[0] + 3, m[1]))
@@ -404,7 +412,7 @@ def test_whatever_happens_to_the_messages_an_episode_is_as_it_was_sent(data):
     spoil(data, samples, BAD_SAMPLES)
 
     assembler = EpisodeAssembler(limit)
-    assembler.add_state(-1, NAMES, np.zeros(2))
+    assembler.add_state(-1, NAMES, array('d', [0, 0]))
     received = []
     take_state = data.draw(st.lists(st.booleans(), max_size=len(states) + len(samples)))
     while states or samples:

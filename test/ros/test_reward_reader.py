@@ -1,0 +1,51 @@
+from array import array
+
+import numpy as np
+import pytest
+from std_msgs.msg import Header
+
+from cmifs_ros.ros import conversions
+from cmifs_ros.ros.reward_reader import RewardReader
+from cmifs_ros.ros.transitions import RewardSample
+
+
+def test_rewards_survive_the_round_trip():
+    sample = RewardSample(2.5, True, False, 12, 3)
+    msg = conversions.reward_sample_to_msg(Header(), sample, action=1)
+    assert RewardReader().read(msg.name, msg.position) == sample
+
+
+def test_only_the_reward_is_required():
+    assert RewardReader().read(['reward'], array('d', [2])) == RewardSample(2.0)
+
+
+@pytest.mark.parametrize(
+    ('names', 'values', 'message'),
+    [
+        (['reward'], [], '0 positions for 1 names'),
+        (['step'], [1.0], 'fields are step; expected reward among them'),
+        ([], [], 'fields are none'),
+        (['reward'], [np.nan], 'reward is nan; expected a finite number'),
+        (['reward', 'step'], [1.0, np.inf], 'step is inf'),
+        (['reward', 'step'], [-np.inf, np.inf], 'reward is -inf'),
+    ],
+)
+def test_an_unusable_reward_is_refused_by_name(names, values, message):
+    with pytest.raises(ValueError, match=message):
+        RewardReader().read(names, array('d', values))
+
+
+def test_fields_may_change_their_order_and_come_and_go():
+    reader = RewardReader()
+    for names, values, sample in (
+        (['reward', 'step'], [2, 3], RewardSample(2.0, step=3)),
+        (['step', 'reward'], [4, 5], RewardSample(5.0, step=4)),
+        (['reward', 'other', 'truncated'], [6, 7, 1], RewardSample(6.0, truncated=True)),
+        (['reward'], [8], RewardSample(8.0)),
+    ):
+        assert reader.read(names, array('d', values)) == sample
+
+
+def test_huge_rewards_are_finite_though_their_sum_is_not():
+    sample = RewardReader().read(['reward', 'action', 'step'], array('d', [1e308, 1e308, 1]))
+    assert sample == RewardSample(1e308, step=1)
