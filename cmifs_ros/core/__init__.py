@@ -5,6 +5,7 @@ from .conditional_mi import ConditionalMI
 from .episode import Episode
 from .kdr import KDR
 from .lsmi import CRITERIA, Lsmi
+from .permutation import PermutationTest
 from .returns import discounted_returns
 from .search import DIRECTIONS
 from .selector import ConditionalMISelector, KDRSelector
@@ -19,5 +20,6 @@ __all__ = [
     'EpisodeBuffer',
     'KDRSelector',
     'Lsmi',
+    'PermutationTest',
     'discounted_returns',
 ]

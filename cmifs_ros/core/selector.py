@@ -12,6 +12,7 @@ from .conditional_mi import ConditionalMI
 from .episode import Episode, as_episodes
 from .kdr import KDR
 from .lsmi import Lsmi
+from .permutation import PermutationTest, num_beyond_shadows, permutation_test
 from .search import (
     DIRECTIONS,
     Criterion,
@@ -57,8 +58,10 @@ class SensorSelector(ABC):
         """Return the criterion of these episodes; raise ValueError for a bad parameter."""
 
     @abstractmethod
-    def _best_number(self, scores: list[float]) -> int:
-        """Return how many sensors to select when the caller does not say."""
+    def _choose_number(
+        self, episodes: list[Episode], names: tuple[str, ...], ranked: list[Sensor]
+    ) -> int:
+        """Return how many of the ranked sensors to select when the caller does not say."""
 
     def fit(self, episodes, names: Sequence[str] | None = None) -> SensorSelector:
         """Rank the sensors and select the best.
@@ -76,11 +79,7 @@ class SensorSelector(ABC):
             If a parameter or the data are not as described; the message names the value.
 
         """
-        episodes = as_episodes(episodes)
-        if len(episodes) < 2:
-            raise ValueError('there is 1 episode; expected at least 2 to compare')
-        names = _checked_names(names, episodes[0].num_channels)
-        sensor_names, sensors = _sensors(names, self.groups or {})
+        episodes, names, sensor_names, sensors = self._checked(episodes, names)
         if self.num_features is not None and not 1 <= self.num_features <= len(sensors):
             raise ValueError(
                 f'num_features is {self.num_features}; expected 1 to {len(sensors)}, '
@@ -103,7 +102,8 @@ class SensorSelector(ABC):
         self.ranking_ = np.array(ranking)
         self.scores_ = np.array(scores)
         if self.num_features is None:
-            self.num_features_ = self._best_number(scores)
+            ranked = [sensors[i] for i in ranking]
+            self.num_features_ = self._choose_number(episodes, names, ranked)
         else:
             self.num_features_ = self.num_features
         self._support = np.array(channels(sensors, ranking[: self.num_features_]), dtype=int)
@@ -141,6 +141,14 @@ class SensorSelector(ABC):
         self._check_fitted()
         return np.array([self.feature_names_in_[i] for i in self._support], dtype=object)
 
+    def _checked(self, episodes, names):
+        """Return the episodes, the names of channels and of sensors, and the sensors."""
+        episodes = as_episodes(episodes)
+        if len(episodes) < 2:
+            raise ValueError('there is 1 episode; expected at least 2 to compare')
+        names = _checked_names(names, episodes[0].num_channels)
+        return episodes, names, *_sensors(names, self.groups or {})
+
     def _check_fitted(self):
         if not hasattr(self, 'ranking_'):
             raise RuntimeError('the selector is not fitted yet; call fit() first')
@@ -154,8 +162,10 @@ class ConditionalMISelector(SensorSelector):
     Parameters
     ----------
     num_features : int, optional
-        How many sensors to select. None takes as many as maximise the criterion, none at all
-        if no score is above 0, the score of the empty set.
+        How many sensors to select. None ranks all and takes the first ones, up to the first that
+        does no better than shadows: sensors that deliver what they delivered in other episodes.
+        `permutation.num_beyond_shadows` has the rule. Where the return depends on nothing, that
+        is none at all in 95 % of cases. It takes about as long as ranking them.
     gamma : float
         Discount factor of the return, 0 < gamma <= 1.
     criterion : {'held_out', 'plug_in'}
@@ -183,6 +193,11 @@ class ConditionalMISelector(SensorSelector):
 
     Notes
     -----
+    What decides on the number compares with sensors that are independent of everything. One that
+    repeats what was selected before it differs from them, and may be kept; it ranks late, so
+    that a smaller `num_features` leaves it out. A sensor that tells something only together with
+    another is tested when the ranking has come to it, with those before it, not after it.
+
     Hachiya & Sugiyama, Feature Selection for Reinforcement Learning: Evaluating Implicit
     State-Reward Dependency via Conditional Mutual Information, 2010.
 
@@ -224,6 +239,47 @@ class ConditionalMISelector(SensorSelector):
         }
         return cls(num_features, **(paper | options))
 
+    def permutation_test(
+        self, episodes, names: Sequence[str] | None = None, *, n_permutations: int = 99
+    ) -> PermutationTest:
+        """Test whether the return depends on any single sensor.
+
+        The statistic is the score of the best sensor, the first of a forward selection. All
+        trajectories of states change places between the episodes, as wholes and all channels
+        together; the rewards stay. If the return is independent of the states, all of that is
+        equally likely, and the p-value is uniform on 1/(n + 1), 2/(n + 1), ..., 1. With
+        unequal lengths, which `permutation.exchange` copes with, that holds if the length is
+        independent of the states too. The selector need not be fitted, and stays as it is.
+
+        Parameters
+        ----------
+        episodes, names
+            As of `fit`.
+        n_permutations : int
+            Each costs one round of the search; the p-value is at least 1 / (n_permutations + 1).
+
+        Returns
+        -------
+        PermutationTest
+            `statistic`, `pvalue`, `null_distribution`.
+
+        Raises
+        ------
+        ValueError
+            If a parameter or the data are not as described; the message names the value.
+
+        """
+        episodes, names, _, sensors = self._checked(episodes, names)
+        if n_permutations < 1:
+            raise ValueError(f'n_permutations is {n_permutations}; expected at least 1')
+        return permutation_test(
+            lambda data: self._make_criterion(data, names),
+            episodes,
+            sensors,
+            n_permutations,
+            self.random_state,
+        )
+
     def _make_criterion(self, episodes: list[Episode], names: tuple[str, ...]) -> ConditionalMI:
         if self.max_time_bins is not None and self.max_time_bins < 1:
             raise ValueError(f'max_time_bins is {self.max_time_bins}; expected at least 1, or None')
@@ -240,8 +296,10 @@ class ConditionalMISelector(SensorSelector):
             executor=self.executor,
         )
 
-    def _best_number(self, scores: list[float]) -> int:
-        return int(np.argmax([0.0, *scores]))
+    def _choose_number(self, episodes, names, ranked):
+        return num_beyond_shadows(
+            lambda data: self._make_criterion(data, names), episodes, ranked, self.random_state
+        )
 
 
 class KDRSelector(SensorSelector):
@@ -284,8 +342,8 @@ class KDRSelector(SensorSelector):
         indices = [_channel_index(names, channel, 'target') for channel in target]
         return KDR(episodes, indices, random_state=self.random_state)
 
-    def _best_number(self, scores: list[float]) -> int:
-        return len(scores)
+    def _choose_number(self, episodes, names, ranked):
+        return len(ranked)
 
 
 def _checked_names(names: Sequence[str] | None, num_channels: int) -> tuple[str, ...]:
