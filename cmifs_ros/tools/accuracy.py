@@ -1,5 +1,7 @@
 """How few episodes are enough: rank sums of the relevant channels on many tasks, by method.
 
+With --number: how often the automatic number selects exactly the relevant channels.
+
 The tasks are the grid world of the paper in both scenarios, its chain, and environments of
 Gymnasium; but for the grid world, which brings its own, distractor channels are appended.
 """
@@ -10,6 +12,8 @@ import argparse
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+
+import numpy as np
 
 from . import methods, tasks
 from .arguments import names_among, number_from, numbers_from
@@ -23,7 +27,10 @@ from .trial_log import TrialLog
 
 #: Those asked for by default, first in the table, where the others follow.
 USUAL_METHODS = ('default', 'paper', 'kdr', 'ennemi', 'sklearn')
-ALL_METHODS = tuple(dict.fromkeys((*USUAL_METHODS, *METHODS)))
+#: What --number compares: the automatic number on the task, and where nothing is relevant.
+NUMBER_METHODS = ('automatic', 'automatic_shuffled')
+#: Those that rank all channels.
+ALL_METHODS = tuple(m for m in dict.fromkeys((*USUAL_METHODS, *METHODS)) if m not in NUMBER_METHODS)
 #: `with_fixed_gravel` is another reading of the paper.
 USUAL_TASKS = tuple(name for name in TASKS if name != 'with_fixed_gravel')
 
@@ -52,13 +59,43 @@ def table(results: Results, wanted: Sequence[Trial]) -> str:
     return markdown_table(head, rows)
 
 
+def number_table(results: Results, wanted: Sequence[Trial]) -> str:
+    """Return the table of how many trials select what; a row is a task with its episodes."""
+    rows = []
+    for scenario, episodes in dict.fromkeys((t.scenario, t.episodes) for t in wanted):
+        relevant = set(TASKS[scenario].relevant)
+        outcomes, shuffled = (results.of(scenario, m, episodes) for m in NUMBER_METHODS)
+        selected = [set(outcome.ranking) for outcome in outcomes]
+        rows.append(
+            (
+                scenario,
+                episodes,
+                len(relevant),
+                f'{np.mean([len(s) for s in selected]):.2f}',
+                f'{np.mean([s == relevant for s in selected]):.0%}',
+                f'{np.mean([bool(relevant - s) for s in selected]):.0%}',
+                f'{np.mean([bool(s - relevant) for s in selected]):.0%}',
+                f'{np.mean([bool(o.ranking) for o in shuffled]):.0%}',
+                f'{np.median([o.seconds for o in outcomes]):.1f}',
+            )
+        )
+    head = (
+        *('task', 'episodes', 'relevant', 'selected', 'exactly the relevant'),
+        *('some relevant missing', 'some irrelevant selected'),
+        *('shuffled: any selected', 'seconds'),
+    )
+    return markdown_table(head, rows)
+
+
 def run(options: argparse.Namespace) -> None:
     """Run the trials, then print the table."""
     try:
         log = TrialLog(options.log)
     except (OSError, ValueError) as error:
         raise StudyError(str(error)) from error
-    chosen_methods = available(options.methods, methods.what_is_missing)
+    chosen_methods = available(
+        NUMBER_METHODS if options.number else options.methods, methods.what_is_missing
+    )
     chosen_tasks = available(options.tasks, tasks.what_is_missing)
     wanted = [
         Trial(task, method, episodes, number, options.first_seed + number)
@@ -71,8 +108,12 @@ def run(options: argparse.Namespace) -> None:
         raise StudyError('nothing of what was asked for is installed')
     results = finish(wanted, log, options.jobs)
     seeds = f'{options.first_seed} to {options.first_seed + options.trials - 1}'
-    print(f'\nMean and standard error of {options.trials} trials, seeds {seeds}.\n')
-    print(table(results, wanted), end='')
+    if options.number:
+        print(f'\nThe automatic number in {options.trials} trials, seeds {seeds}.\n')
+        print(number_table(results, wanted), end='')
+    else:
+        print(f'\nMean and standard error of {options.trials} trials, seeds {seeds}.\n')
+        print(table(results, wanted), end='')
 
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:
@@ -93,6 +134,12 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
         default=','.join(USUAL_METHODS),
         metavar='NAME,...',
         help=f'default %(default)s; also {",".join(ALL_METHODS[len(USUAL_METHODS) :])}',
+    )
+    parser.add_argument(
+        '--number',
+        action='store_true',
+        help='in place of methods and rank sums: what the automatic number selects, on the task '
+        'and with the states shuffled between episodes',
     )
     parser.add_argument(
         '--episodes',

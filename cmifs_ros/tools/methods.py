@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cmifs_ros.core import ConditionalMI, ConditionalMISelector, Episode, KDRSelector, Lsmi
+from cmifs_ros.core.permutation import exchange
 
 from .alternatives import READINGS, rank_read
 from .direct_port import rank_directly
@@ -32,6 +33,8 @@ METHODS = {
     'paper_held_out_standardized': "'paper', held-out, standardised",
     'kdr_own_widths': 'KDR, a width for each set',
     'kdr_scaled': 'KDR, eps times M',
+    'automatic': 'ours, automatic number',
+    'automatic_shuffled': 'ours, automatic number, states of other episodes',
 }
 #: The default with other bounds of the number of kernel centres.
 NUM_CENTERS = {'centers_25': 25, 'centers_50': 50, 'centers_all': None}
@@ -51,7 +54,8 @@ DEFAULT_SETTINGS = {
 class Ranking(NamedTuple):
     """The channels ranked, best first, as indices from 0, and the score of each place.
 
-    The peers score each channel by itself; the others score the first 1, 2, ... together.
+    The peers score each channel by itself; the others score the first 1, 2, ... together. The
+    automatic number ranks what it selects.
     """
 
     channels: tuple[int, ...]
@@ -100,6 +104,14 @@ def rank(
         information = information_by_channel(episodes, estimate)
         best = np.argsort(-information, kind='stable')[:count]
         return Ranking(tuple(best.tolist()), tuple(information[best].tolist()))
+    if method in ('automatic', 'automatic_shuffled'):
+        if method == 'automatic_shuffled':  # The rewards stay: they depend on nothing.
+            states = exchange([e.states for e in episodes], np.random.default_rng([seed, 3]))
+            pairs = zip(states, episodes, strict=True)
+            episodes = [Episode(s, episode.rewards) for s, episode in pairs]
+        selector = ConditionalMISelector(random_state=seed, executor=executor).fit(episodes)
+        selected = selector.ranking_[: selector.num_features_]
+        return Ranking(tuple(selected.tolist()), tuple(selector.scores_[: len(selected)].tolist()))
     if method in READINGS:
         ranking, scores = rank_read(method, episodes, target, seed, count)
         return Ranking(tuple(ranking), tuple(scores))

@@ -40,7 +40,10 @@ class Trial(NamedTuple):
 
 
 class Outcome(NamedTuple):
-    """What a trial gave: indices of the features from 0, best first, and the computing time."""
+    """What a trial gave: indices of the features from 0, best first, and the computing time.
+
+    With an automatic number these are the features selected.
+    """
 
     trial: Trial
     ranking: tuple[int, ...]
