@@ -1,4 +1,4 @@
-"""Saving in the background, so that the node never waits for a disk."""
+"""Saving so that a killed process loses nothing, and the node never waits for a disk."""
 
 from __future__ import annotations
 
@@ -6,25 +6,38 @@ import fcntl
 import os
 import threading
 import time
+from dataclasses import dataclass, field
+
+from cmifs_ros.core import Episode
 
 from . import episode_file
-from .episode_file import Saved
+from .episode_file import EpisodeFile, Saved
 
 #: Seconds until a failed save is tried again.
 RETRY_PERIOD = 5.0
-#: After a save comes a rest of this many times its duration, but not of more seconds than this:
-#: saving leaves the disk and the interpreter three quarters of the time.
-_REST = 3
-_LONGEST_REST = 0.25
+#: Least number of bytes appended before the file is written anew; else as many as it began with.
+_LEAST_APPENDED = 1_000_000
+#: Seconds between two waits for the disk: what is newer is lost with the machine's power.
+_SYNC_PERIOD = 1.0
 #: Seconds that the end of the node waits for the last save.
 _LAST_SAVE = 1.0
 
 
-class EpisodeSaver:
-    """Write the newest of what it is given to a file, in a thread.
+@dataclass(frozen=True)
+class _Save:
+    """What a file is to begin with, and the records of the episodes that came since."""
 
-    What comes when there was nothing to do is saved at once; what comes during a save and its
-    rest is saved next, of several the last. A save that fails is tried again, with the newest.
+    saved: Saved
+    records: list[bytes] = field(default_factory=list)
+
+
+class EpisodeSaver:
+    """Keep a file of episodes: each new one is appended at once, all else is saved in a thread.
+
+    An episode that was appended outlives a process that is killed: the system has it, and brings it
+    to the disk later, for which the thread waits. To save is to write a new file with the newest of
+    what is given and with the episodes appended meanwhile, and to put it in the place of the old
+    one. A save that fails is tried again, with the newest.
 
     Parameters
     ----------
@@ -38,7 +51,7 @@ class EpisodeSaver:
     num_saves : int
         How many succeeded.
     nbytes, seconds : int, float
-        Size and duration of the last that succeeded.
+        Size of the file, and duration of the last save that succeeded.
 
     Raises
     ------
@@ -51,19 +64,50 @@ class EpisodeSaver:
         self.path = path
         self.error = ''
         self.num_saves = 0
-        self.nbytes = 0
         self.seconds = 0.0
         self._lock_file = _lock(path)
-        self._pending: Saved | None = None
+        self._file: EpisodeFile | None = None
+        self._is_synced = True
+        self._writing: _Save | None = None
+        self._pending: _Save | None = None
         self._stopping = False
         self._condition = threading.Condition()
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
 
+    @property
+    def nbytes(self) -> int:
+        """Size of the file."""
+        return 0 if self._file is None else self._file.size
+
+    def append(self, episode: Episode, channel_names: tuple[str, ...]) -> bool:
+        """Add an episode to the file, now; return False if everything is to be saved instead."""
+        with self._condition:
+            saves = [save for save in (self._pending, self._writing) if save is not None]
+            newest = saves[0].saved if saves else self._file
+            if self.error or newest is None or newest.channel_names != channel_names:
+                return False
+            record = episode_file.record(episode)
+            for save in saves:
+                if save.saved.channel_names == channel_names:
+                    save.records.append(record)
+            file = self._file
+            if file is None or file.channel_names != channel_names:
+                return True
+            try:
+                file.append(record)
+            except OSError as error:
+                self._fail(error)
+                return False
+            self._is_synced = False
+            self._condition.notify()
+            is_long = file.size - file.first_size > max(_LEAST_APPENDED, file.first_size)
+            return bool(saves) or not is_long
+
     def save(self, saved: Saved) -> None:
         """Have this saved, in place of anything not yet begun. Never blocks."""
         with self._condition:
-            self._pending = saved
+            self._pending = _Save(saved)
             self._condition.notify()
 
     def stop(self) -> None:
@@ -79,27 +123,53 @@ class EpisodeSaver:
     def _run(self) -> None:
         while True:
             with self._condition:
-                self._condition.wait_for(lambda: self._pending is not None or self._stopping)
-                saved, self._pending = self._pending, None
-            if saved is None:
+                self._condition.wait_for(
+                    lambda: self._pending is not None or not self._is_synced or self._stopping
+                )
+                self._writing, self._pending = self._pending, None
+                is_synced, self._is_synced = self._is_synced, True
+            if self._writing is None and is_synced:
                 return
-            begin = time.monotonic()
             try:
-                self.nbytes = episode_file.write(self.path, saved)
+                if self._writing is not None:
+                    self._write(self._writing)
+                else:
+                    self._file.sync()
             except (OSError, MemoryError) as error:
-                reason = getattr(error, 'strerror', None) or error
-                self.error = f'{self.path} cannot be saved: {reason}'
                 with self._condition:
-                    self._pending = self._pending or saved
+                    self._fail(error)
+                    self._pending, self._writing = self._pending or self._writing, None
                     if self._condition.wait_for(lambda: self._stopping, RETRY_PERIOD):
                         return
-            else:
-                self.seconds = time.monotonic() - begin
-                self.num_saves += 1
-                self.error = ''
-                with self._condition:
-                    rest = min(_REST * self.seconds, _LONGEST_REST)
-                    self._condition.wait_for(lambda: self._stopping, rest)
+            with self._condition:
+                self._condition.wait_for(
+                    lambda: self._pending is not None or self._stopping, _SYNC_PERIOD
+                )
+
+    def _write(self, save: _Save) -> None:
+        begin = time.monotonic()
+        file = EpisodeFile(self.path, save.saved)
+        with self._condition:  # Nothing is appended to the old file any more.
+            try:
+                for record in save.records:
+                    file.append(record)
+                file.put_in_place()
+            except OSError:
+                file.discard()
+                raise
+            old, self._file = self._file, file
+            self._writing = None
+            self._is_synced = not save.records
+            self.error = ''
+        if old is not None:
+            old.close()
+        episode_file.sync_folder(self.path)
+        self.seconds = time.monotonic() - begin
+        self.num_saves += 1
+
+    def _fail(self, error: OSError | MemoryError) -> None:
+        reason = getattr(error, 'strerror', None) or error
+        self.error = f'{self.path} cannot be saved: {reason}'
 
 
 def _lock(path: str) -> int | None:

@@ -150,7 +150,7 @@ class SelectorNode(Node):
         if episodes:
             self._keep(episodes)
         if not were_known and self._assembler.channel_names is not None:
-            self._drop_foreign_selection()
+            self._on_new_channels()
 
     def _on_reward(self, msg: JointState) -> None:
         self._last_at['reward'] = time.monotonic()
@@ -205,7 +205,10 @@ class SelectorNode(Node):
             self._revision += 1
             if self._drift is not None:
                 self._drift.add(episode)
-        self._save()
+            if self._saver is not None and not self._saver.append(
+                episode, self._assembler.channel_names
+            ):
+                self._save()
 
     # --- data out
 
@@ -224,18 +227,18 @@ class SelectorNode(Node):
             out.header, out.name, out.position = msg.header, names, values
             self._state_publisher.publish(out)
 
-    def _drop_foreign_selection(self) -> None:
+    def _on_new_channels(self) -> None:
         """Return to the beginning if the channels, new after a clear, lack a selected one."""
-        if self._selection is None:
-            return
-        missing = set(self._selection.names) - set(self._assembler.channel_names)
+        names = self._assembler.channel_names
+        selected = set(self._selection.names) if self._selection is not None else set()
+        missing = selected - set(names)
         if missing:
             self.get_logger().warning(
                 f'the selection is dropped: {listed(sorted(missing))} is not among the new '
-                f'channels {listed(self._assembler.channel_names)}'
+                f'channels {listed(names)}'
             )
             self._selection = self._filter = self._drift = None
-            self._save()
+        self._save()  # Now episodes with these channels can be appended.
 
     # --- selections
 
@@ -362,6 +365,12 @@ class SelectorNode(Node):
         self.get_logger().info(
             f'{path}: {len(saved.episodes)} episodes are back, and the selection of {listed(names)}'
         )
+        if saved.torn_bytes:
+            self.get_logger().warning(
+                f'{path} ends with {saved.torn_bytes} bytes of an episode that was being saved '
+                'when the last run was killed; that episode is lost'
+            )
+        self._save()
 
     def _save(self) -> None:
         if self._saver is not None:

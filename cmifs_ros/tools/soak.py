@@ -157,6 +157,7 @@ class Robot:
         self.latencies: list[float] = []
         self.is_selecting = False
         self.num_selections = 0
+        self.newest_relayed = 0
         self.counts = [0, 0]
         self.diagnostics: dict[str, dict[str, str]] = {}
         self.levels: dict[str, tuple[bytes, str]] = {}
@@ -188,7 +189,9 @@ class Robot:
         rclpy.shutdown(context=self.context)
 
     def _on_selected(self, msg: JointState) -> None:
-        sent_at = self._sent_at.pop(conversions.stamp_to_nanoseconds(msg.header.stamp), None)
+        stamp = conversions.stamp_to_nanoseconds(msg.header.stamp)
+        self.newest_relayed = stamp - 1
+        sent_at = self._sent_at.pop(stamp, None)
         if sent_at is not None:
             self.latencies.append((time.monotonic_ns() - sent_at) / 1e6)
 
@@ -421,7 +424,8 @@ class Soak:
         drops = {k: v for k, v in robot.input.items() if 'dropped' in k}
         sent = list(range(robot.number))
         newest = [sent[i : i + LENGTH] for i in range(0, len(sent), LENGTH)][-100:]
-        same = 'equal those sent' if robot.numbers_in(path) == newest else 'DIFFER from those sent'
+        kept = robot.numbers_in(path)[-100:]  # what would come back
+        same = 'equal those sent' if kept == newest else 'DIFFER from those sent'
         return f'{lost} lost{f", {drops}" if drops else ""}; the 100 buffered episodes {same}'
 
     def rates(self):
@@ -546,7 +550,7 @@ class Soak:
         """Kill the selector at random moments and start it again."""
         path = self.folder / 'restarts'
         rng = np.random.default_rng(0)
-        times, number, lost = self.count(20), 0, []
+        times, number, total, lost = self.count(20), 0, 0, []
         for _ in range(times):
             process = Process.selector(
                 self.folder, selection_period=1.0, num_features=1, min_episodes=2,
@@ -560,15 +564,16 @@ class Soak:
                     raise SoakError(f'{kept} episodes were saved, but {robot.input} came back')
                 robot.run(200, int(rng.integers(200, 800)))
                 process.kill()
-                # Of the episode under way at least the last transition is missing.
-                finished = robot.number // LENGTH - number // LENGTH
+                # A transition was taken for sure if the state after the next one was relayed.
+                finished = (robot.newest_relayed - 1) // LENGTH - number // LENGTH
                 number = -(-robot.number // LENGTH) * LENGTH
-            lost.append(finished - (len(robot.numbers_in(path)) - kept))
+            lost.append(max(0, finished - (len(robot.numbers_in(path)) - kept)))
+            total += finished
         yield (
             'selector killed (-9) while collecting 200 transitions/s',
             f'{times}',
             f'{sum(lost)} finished episodes lost (at most {max(lost)} at once) of '
-            f'{number // LENGTH}; all that came back were sent as they are',
+            f'{total}; all that came back were sent as they are',
         )
 
     def messages(self):

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import textwrap
 import time
+import zlib
 
 import numpy as np
 import pytest
@@ -47,7 +48,7 @@ def wait_until(condition, seconds=10.0):
 
 def sealed(text, data=b''):
     """Return a file with the right checksum, whatever it says."""
-    content = b'cmifs_ros episodes 1\n' + text.encode() + b'\n' + data
+    content = b'cmifs_ros episodes 2\n' + text.encode() + b'\n' + data
     return content + hashlib.sha256(content).digest()
 
 
@@ -63,10 +64,14 @@ def test_what_was_written_is_read(tmp_path, data):
         values = data.draw(hnp.arrays(float, (length, len(names) + 1), elements=finite))
         sent.append(Episode(values[:, 1:], values[:, 0]))
     path = tmp_path / 'episodes'
-    size = episode_file.write(path, Saved(tuple(names), sent, SELECTION, 12.5))
-    assert size == path.stat().st_size
+    num_appended = data.draw(st.integers(0, len(sent)))
+    first = sent[: len(sent) - num_appended]
+    episode_file.write(path, Saved(tuple(names), first, SELECTION, 12.5))
+    with path.open('ab') as file:
+        file.writelines(map(episode_file.record, sent[len(first) :]))
     got = episode_file.read(path, **ENOUGH)
     assert (got.channel_names, got.selection, got.selected_at) == (tuple(names), SELECTION, 12.5)
+    assert got.torn_bytes == 0
     assert len(got.episodes) == len(sent)
     assert all(map(same, got.episodes, sent))
     assert os.listdir(tmp_path) == ['episodes']
@@ -77,9 +82,12 @@ def test_nothing_at_all_can_be_saved_too(tmp_path):
     assert episode_file.read(tmp_path / 'x', **ENOUGH) == Saved(None, [])
 
 
-def test_of_too_much_the_newest_is_read(tmp_path):
+@pytest.mark.parametrize('num_saved', [0, 4, 5])
+def test_of_too_much_the_newest_is_read(tmp_path, num_saved):
     path, sent = tmp_path / 'x', episodes(5)
-    episode_file.write(path, Saved(NAMES, sent))
+    episode_file.write(path, Saved(NAMES, sent[:num_saved]))
+    with path.open('ab') as file:
+        file.writelines(map(episode_file.record, sent[num_saved:]))
     for bounds in ({'max_episodes': 2, 'max_bytes': 10**6}, {'max_episodes': 9, 'max_bytes': 200}):
         got = episode_file.read(path, **bounds).episodes
         assert len(got) == 2
@@ -90,13 +98,49 @@ def test_every_truncation_and_every_changed_byte_is_noticed(tmp_path):
     path = tmp_path / 'x'
     episode_file.write(path, Saved(NAMES, episodes(2, steps=2), SELECTION, 1.0))
     whole = path.read_bytes()
-    damaged = [whole[:size] for size in range(len(whole))] + [whole + b'x']
+    damaged = [whole[:size] for size in range(len(whole))]
     for i in range(len(whole)):
         damaged.append(whole[:i] + bytes([whole[i] ^ 1]) + whole[i + 1 :])
     for content in damaged:
         path.write_bytes(content)
         with pytest.raises(RefusedFileError):
             episode_file.read(path, **ENOUGH)
+
+
+def test_an_episode_appended_in_part_is_dropped_and_told_but_a_changed_byte_refused(tmp_path):
+    path, sent = tmp_path / 'x', episodes(3, steps=2)
+    episode_file.write(path, Saved(NAMES, sent[:1]))
+    whole = path.read_bytes()
+    first, second = map(episode_file.record, sent[1:])
+    for size in range(len(second)):
+        path.write_bytes(whole + first + second[:size])
+        got = episode_file.read(path, **ENOUGH)
+        assert (len(got.episodes), got.torn_bytes) == (2, size)
+    appended = first + second
+    for i in range(len(appended)):
+        changed = appended[:i] + bytes([appended[i] ^ 1]) + appended[i + 1 :]
+        path.write_bytes(whole + changed)
+        with pytest.raises(RefusedFileError, match='is corrupt'):
+            episode_file.read(path, **ENOUGH)
+
+
+def test_a_record_with_right_checksums_is_not_believed_either(tmp_path):
+    path = tmp_path / 'x'
+
+    def read(names, length, values):
+        header = length.to_bytes(8, 'little')
+        header += zlib.crc32(header).to_bytes(4, 'little')
+        content = header + np.array(values).tobytes()
+        episode_file.write(path, Saved(names, ()))
+        with path.open('ab') as file:
+            file.write(content + hashlib.sha256(content).digest())
+        return episode_file.read(path, **ENOUGH)
+
+    assert len(read(('a',), 1, [0.0, 0.0]).episodes) == 1
+    for names, length, values in ((('a',), 0, []), (None, 1, [0.0]), (('a',), 1, [0.0, np.inf])):
+        with pytest.raises(RefusedFileError):
+            read(names, length, values)
+    assert read(('a',), 2**63, [0.0, 0.0]).torn_bytes == 60  # nothing of that size is allocated
 
 
 class Bomb:
@@ -110,9 +154,9 @@ class Bomb:
         (b'', 'is no episodes file'),
         (b'%PDF-1.7 thesis', 'is no episodes file'),
         (pickle.dumps(Bomb()), 'is no episodes file'),
-        (b'cmifs_ros episodes 0\n{}\n', 'is of format version 0; expected 1'),
-        (b'cmifs_ros episodes 2\n', 'is of format version 2; expected 1'),
-        (b'cmifs_ros episodes 1\n{"channels": []', 'truncated or corrupt'),
+        (b'cmifs_ros episodes 1\n{}\n', 'is of format version 1; expected 2'),
+        (b'cmifs_ros episodes 3\n', 'is of format version 3; expected 2'),
+        (b'cmifs_ros episodes 2\n{"channels": []', 'is truncated'),
     ],
 )
 def test_other_files_are_refused_and_run_nothing(tmp_path, monkeypatch, content, message):
@@ -231,6 +275,61 @@ def test_the_newest_is_saved_and_the_last_save_is_finished(tmp_path):
     assert len(episode_file.read(path, max_episodes=999, max_bytes=10**6).episodes) == 200
     assert saver.error == ''
     assert 1 <= saver.num_saves <= 200
+
+
+def test_what_was_appended_is_in_the_file_already_and_joins_the_next_one(tmp_path, monkeypatch):
+    monkeypatch.setattr('cmifs_ros.ros.episode_saver._LEAST_APPENDED', 1000)
+    path, sent = str(tmp_path / 'x'), episodes(200)
+    saver = EpisodeSaver(path)
+    assert not saver.append(sent[0], NAMES)  # There is no file yet.
+    saver.save(Saved(NAMES, sent[:1]))
+    wait_until(lambda: saver.num_saves)
+    for count, episode in enumerate(sent[1:], 2):
+        if not saver.append(episode, NAMES):
+            saver.save(Saved(NAMES, sent[:count]))
+        got = episode_file.read(path, max_episodes=999, max_bytes=10**6).episodes
+        assert len(got) == count
+        assert same(got[-1], episode)
+    wait_until(lambda: saver.num_saves > 1)  # The file is written anew now and then,
+    assert saver.num_saves < 20  # and seldom.
+    assert not saver.append(sent[0], ('d', 'e'))  # Other channels need another file.
+    saver.save(Saved(('d', 'e'), ()))
+    assert saver.append(sent[0], ('d', 'e'))
+    saver.stop()
+    assert saver.error == ''
+    got = episode_file.read(path, **ENOUGH)
+    assert got.channel_names == ('d', 'e')
+    assert list(map(len, got.episodes)) == [4]
+
+
+def test_killed_at_any_moment_nothing_that_was_appended_is_lost(tmp_path):
+    path = tmp_path / 'x'
+    code = textwrap.dedent(f"""
+        import numpy as np
+        from cmifs_ros.core import Episode
+        from cmifs_ros.ros import episode_saver
+        from cmifs_ros.ros.episode_file import Saved
+        episode_saver._LEAST_APPENDED = 3000
+        saver, kept = episode_saver.EpisodeSaver({str(path)!r}), []
+        saver.save(Saved(('a',), ()))
+        while not saver.num_saves:
+            pass
+        while True:
+            kept = (kept + [Episode(np.full((20, 1), float(len(kept))), np.zeros(20))])
+            if not saver.append(kept[-1], ('a',)):
+                saver.save(Saved(('a',), tuple(kept)))
+            print(len(kept), flush=True)
+    """)
+    for attempt in range(8):
+        process = subprocess.Popen([sys.executable, '-c', code], stdout=subprocess.PIPE, text=True)
+        lines = [process.stdout.readline() for _ in range(50 + 37 * attempt)]
+        process.kill()
+        told = int([*lines, *process.stdout][-1])
+        process.wait()
+        got = episode_file.read(path, max_episodes=10**6, max_bytes=10**9).episodes
+        assert len(got) in (told, told + 1)
+        assert [e.states[0, 0] for e in got] == list(range(len(got)))
+        path.unlink()
 
 
 def test_a_full_disk_is_told_and_tried_again(tmp_path, monkeypatch):

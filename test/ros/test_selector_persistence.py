@@ -10,7 +10,7 @@ import pytest
 from sensor_msgs.msg import JointState
 
 from cmifs_ros.core import Episode
-from cmifs_ros.ros import episode_file
+from cmifs_ros.ros import conversions, episode_file
 from cmifs_ros.ros.episode_file import Saved
 from cmifs_ros.ros.transitions import RewardSample
 
@@ -50,14 +50,20 @@ def start_selector(start, make_robot, path):
     return start_
 
 
-def saved_numbers(path):
-    saved = episode_file.read(path, max_episodes=1000, max_bytes=10**9)
+def saved_numbers(path, max_episodes=1000):
+    saved = episode_file.read(path, max_episodes, max_bytes=10**9)
     return [int(episode.states[0, 0]) for episode in saved.episodes]
 
 
 def kill(node):
     node.process.send_signal(signal.SIGKILL)
     node.process.wait()
+
+
+def wait_until_relayed(robot, stamp):
+    robot.publish_state(stamp, NAMES, [999.0, 0.0, 0.0])
+    stamp = conversions.stamp_from_nanoseconds(stamp)
+    robot.until(lambda: robot.selected and robot.selected[-1].header.stamp == stamp)
 
 
 def test_a_killed_selector_comes_back_with_its_episodes_and_its_selection(start_selector, path):
@@ -98,15 +104,16 @@ def test_killed_at_any_moment_at_most_the_unfinished_episode_is_lost(start_selec
     sent = 0
     for attempt in range(4):
         node, robot = start_selector()
-        stamp = 1
         robot.wait_for_episodes(sent)
-        for _ in range(3 + attempt):
-            stamp = robot.publish_episodes(numbered([sent]), NAMES, begin=stamp)
-            robot.wait_for_episodes(sent + 1)
-            sent += 1
-        robot.until(lambda sent=sent: path.exists() and len(saved_numbers(path)) == sent)
-        robot.publish_state(stamp, NAMES, [999.0, 0.0, 0.0])
+        robot.publish_state(1, NAMES, [999.0, 0.0, 0.0])
+        robot.until(path.exists)
+        more = range(sent, sent + 30 + attempt)
+        stamp = robot.publish_episodes(numbered(more), NAMES, begin=2)
+        # By the time a second later state is relayed, all rewards are taken.
+        for later in (stamp, stamp + 1):
+            wait_until_relayed(robot, later)
         kill(node)
+        sent = more.stop
         assert saved_numbers(path) == list(range(sent))
 
 
@@ -137,14 +144,14 @@ def test_of_more_than_there_is_room_for_the_newest_come_back(start_selector, pat
     robot.wait_for_episodes(30)
     robot.publish_episodes(numbered([40]), NAMES)
     robot.until(lambda: saved_numbers(path)[-1] == 40)
-    assert saved_numbers(path) == list(range(11, 41))
+    assert saved_numbers(path, max_episodes=30) == list(range(11, 41))
 
 
 @pytest.mark.parametrize(
     ('damage', 'message'),
     [  # What else there is, test_episode_file.py knows.
-        (lambda whole: whole[:-40], 'is truncated or corrupt: its checksum differs'),
-        (lambda whole: whole.replace(b'episodes 1', b'episodes 0'), 'is of format version 0'),
+        (lambda whole: whole[:-40], 'is truncated: it has '),
+        (lambda whole: whole.replace(b'episodes 2', b'episodes 1'), 'is of format version 1'),
     ],
 )
 def test_a_file_that_cannot_be_used_is_kept_aside_and_the_node_starts_empty(
@@ -164,6 +171,18 @@ def test_a_file_that_cannot_be_used_is_kept_aside_and_the_node_starts_empty(
     robot.wait_for_episodes(2)
     robot.until(lambda: robot.diagnostics[STORAGE][0] == b'\x00')
     assert saved_numbers(path) == [7, 8]
+
+
+def test_an_episode_whose_saving_was_cut_short_is_dropped_and_told(start_selector, path):
+    *whole, torn = numbered(range(4))
+    episode_file.write(path, Saved(NAMES, whole))
+    with path.open('ab') as file:
+        file.write(episode_file.record(torn)[:50])
+    node, robot = start_selector()
+    robot.wait_for_episodes(3)
+    assert f'{path} ends with 50 bytes of an episode' in node.output
+    robot.publish_episodes(numbered([4]), NAMES)
+    robot.until(lambda: saved_numbers(path) == [0, 1, 2, 4])
 
 
 def test_a_full_disk_is_reported_and_the_node_runs_on(start_selector, path):
