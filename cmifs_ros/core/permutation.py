@@ -23,11 +23,9 @@ _LEVEL = 0.05
 _OWN_LEVEL = 0.2
 #: Own shadows of the first sensor, and of a further one; at least so many shadows of all.
 _NUM_FIRST, _NUM_OWN, _NUM_ALL = 20, 10, 24
-#: Scores that differ by less are much the same.
-_SMALL_SCORE = 0.002
 #: Spreads below this are of rounding.
 _ROUNDING = 1e-6
-#: Median absolute deviation of the standard Gumbel law.
+#: Median absolute deviation of the standard Gumbel law, which SciPy does not tell.
 _GUMBEL_MAD = 0.7670
 
 MakeCriterion = Callable[[list[Episode]], Criterion]
@@ -178,14 +176,17 @@ def _among_all(criterion, shadows, sensor, before) -> float:
 def _among_own(criterion, shadows, sensor, before) -> float:
     """Return the p-value of a sensor, alone and with those before it, among its own shadows.
 
-    Scores alone are skewed, their logarithms hardly: the sums of the standardised logarithms
-    are taken as a normal sample, for which Student's t tells how far out one more may lie.
+    Roots of the scores, standardised, are added up; roots, because the scores of one sensor that
+    tells nothing are near 0 and very skewed. The tail is that of a Gumbel law with the mean and
+    the standard deviation of the shadows.
     """
     evidence = np.zeros(1 + len(shadows))
     for company in [[], before] if before else [[]]:
         scores = criterion([[*company, *rival] for rival in (sensor, *shadows)])
-        logs = np.log(np.maximum(scores, 0) + _SMALL_SCORE)
-        evidence += (logs - logs.mean()) / max(logs.std(), _ROUNDING)
-    spread = evidence[1:].std(ddof=1) * np.sqrt(1 + 1 / len(shadows))
-    distance = (evidence[0] - evidence[1:].mean()) / max(spread, _ROUNDING)
-    return float(stats.t.sf(distance, len(shadows) - 1))
+        roots = np.sqrt(np.maximum(scores, 0))
+        evidence += (roots - roots.mean()) / max(roots.std(), _ROUNDING)
+    own, *others = evidence
+    spread = np.std(others, ddof=1) * np.sqrt(1 + 1 / len(others))
+    scale = max(spread / stats.gumbel_r.std(), _ROUNDING)
+    location = np.mean(others) - stats.gumbel_r.mean() * scale
+    return float(stats.gumbel_r.sf(own, location, scale))
