@@ -87,6 +87,8 @@ class SelectorNode(Node):
         self._status_name = self.get_fully_qualified_name().lstrip('/')
         self._is_reward_announced = False
         self._incompatible: dict[str, str] = {}
+        #: By topic, what was not yet warned of: the policy, and since when.
+        self._new_incompatible: dict[str, tuple[str, float]] = {}
         self._warned_at = -math.inf
         self._warned_drops: Counter[str] = Counter()
         self._saver: EpisodeSaver | None = None
@@ -169,11 +171,7 @@ class SelectorNode(Node):
 
     def _on_incompatible_qos(self, topic: str, event) -> None:
         policy = qos_policy_name_from_kind(event.last_policy_kind)
-        self._incompatible[topic] = (
-            f'a publisher of {topic} offers a QoS with which nothing can be received ({policy}); '
-            f'publishers: {listed(self._publishing_nodes(topic))}'
-        )
-        self.get_logger().warning(self._incompatible[topic])
+        self._new_incompatible[topic] = policy, time.monotonic()
 
     def _on_message_lost(self, topic: str, event) -> None:
         self._assembler.drop_message(
@@ -425,6 +423,7 @@ class SelectorNode(Node):
         return response
 
     def _report(self) -> None:
+        self._warn_of_incompatible_qos()
         self._warn_of_drops()
         self._warn_of_storage()
         statuses = [self._input_status(), self._selection_status()]
@@ -433,6 +432,19 @@ class SelectorNode(Node):
         self._diagnostics_publisher.publish(
             diagnostics.diagnostic_array(self.get_clock().now().to_msg(), *statuses)
         )
+
+    def _warn_of_incompatible_qos(self) -> None:
+        for topic, (policy, since) in list(self._new_incompatible.items()):
+            nodes = self._publishing_nodes(topic)
+            # The name of a node becomes known a little later than its publisher, if at all.
+            if any('_UNKNOWN_' in node for node in nodes) and time.monotonic() < since + _SILENCE:
+                continue
+            del self._new_incompatible[topic]
+            self._incompatible[topic] = (
+                f'a publisher of {topic} offers a QoS with which nothing can be received '
+                f'({policy}); publishers: {listed(nodes)}'
+            )
+            self.get_logger().warning(self._incompatible[topic])
 
     def _warn_of_drops(self) -> None:
         now = time.monotonic()
