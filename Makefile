@@ -54,28 +54,28 @@ test: lint build .venv-oldest/ready
 	$(ENTER) && $(COLCON) test --event-handlers console_direct+ --return-code-on-test-failure
 	$(ENTER) && $(COLCON) test-result --verbose
 	@echo 'core and sim with the oldest NumPy and SciPy, without ROS:'
-	PYTHONPATH= .venv-oldest/bin/python -m pytest -q test/core test/sim
+	PYTHONPATH= .venv-oldest/bin/python -m pytest -q test/core test/sim test/collect
 
 soak: build
-	@$(ENTER) && exec install/cmifs_ros/lib/cmifs_ros/soak $(SOAK)
+	@$(ENTER) && exec python -m studies.soak.soak $(SOAK)
 
 paper: build
-	@$(ENTER) && exec install/cmifs_ros/lib/cmifs_ros/reproduce_paper $(PAPER)
+	@$(ENTER) && exec python -m studies.paper.reproduce $(PAPER)
 
 benchmark: build
-	@$(ENTER) && exec install/cmifs_ros/lib/cmifs_ros/benchmark $(BENCHMARK)
+	@$(ENTER) && exec python -m studies.speed.benchmark $(BENCHMARK)
 
 growth: build
-	@$(ENTER) && exec install/cmifs_ros/lib/cmifs_ros/benchmark_growth $(GROWTH)
+	@$(ENTER) && exec python -m studies.speed.growth $(GROWTH)
 
 refresh: build
-	@$(ENTER) && exec install/cmifs_ros/lib/cmifs_ros/benchmark_refresh $(REFRESH)
+	@$(ENTER) && exec python -m studies.speed.refresh $(REFRESH)
 
 accuracy: build
-	@$(ENTER) && exec install/cmifs_ros/lib/cmifs_ros/accuracy $(ACCURACY)
+	@$(ENTER) && exec python -m studies.accuracy.rank_sums $(ACCURACY)
 
 oracle: build
-	@$(ENTER) && exec install/cmifs_ros/lib/cmifs_ros/accuracy_oracle $(ORACLE)
+	@$(ENTER) && exec python -m studies.accuracy.oracle $(ORACLE)
 
 lint: $(VENV)/ready
 	$(VENV)/bin/ruff check . && $(VENV)/bin/ruff format --check .

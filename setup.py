@@ -36,16 +36,10 @@ setup(
     license='Apache-2.0',
     entry_points={
         'console_scripts': [
-            'accuracy = cmifs_ros.tools.accuracy:main',
-            'accuracy_oracle = cmifs_ros.tools.accuracy_oracle:main',
-            'benchmark = cmifs_ros.tools.benchmark:main',
-            'benchmark_growth = cmifs_ros.tools.benchmark_growth:main',
-            'benchmark_refresh = cmifs_ros.tools.benchmark_refresh:main',
             'demo = cmifs_ros.tools.demo:main',
-            'reproduce_paper = cmifs_ros.tools.reproduce_paper:main',
+            'downstream = cmifs_ros.tools.downstream:main',
             'selector_node = cmifs_ros.ros.run_node:selector_node',
             'simulator_node = cmifs_ros.ros.run_node:simulator_node',
-            'soak = cmifs_ros.tools.soak:main',
         ],
     },
 )

@@ -50,8 +50,8 @@ def test_optional_imports_are_extras_and_stand_inside_functions():
         assert not re.search(rf'^(from|import) {name}\b', code, re.M)
 
 
-def test_core_and_sim_import_nothing_but_numpy_and_scipy():
-    for folder in ('core', 'sim'):
+def test_core_sim_and_collect_import_nothing_but_numpy_and_scipy():
+    for folder in ('core', 'sim', 'collect'):
         for path in (ROOT / 'cmifs_ros' / folder).rglob('*.py'):
             names = set(re.findall(r'^\s*(?:from|import) ([a-zA-Z]\w*)', path.read_text(), re.M))
             assert names <= set(sys.stdlib_module_names) | {'numpy', 'scipy', 'cmifs_ros'}, path
@@ -95,16 +95,10 @@ def test_installed_data_files_are_where_ros_looks_for_them():
         'share/cmifs_ros/package.xml',
         'share/cmifs_ros/config/cmifs_ros.yaml',
         'share/cmifs_ros/launch/cmifs_ros.launch.xml',
-        'lib/cmifs_ros/accuracy',
-        'lib/cmifs_ros/accuracy_oracle',
-        'lib/cmifs_ros/benchmark',
-        'lib/cmifs_ros/benchmark_growth',
-        'lib/cmifs_ros/benchmark_refresh',
         'lib/cmifs_ros/demo',
-        'lib/cmifs_ros/reproduce_paper',
+        'lib/cmifs_ros/downstream',
         'lib/cmifs_ros/selector_node',
         'lib/cmifs_ros/simulator_node',
-        'lib/cmifs_ros/soak',
     ):
         assert (prefix / path).is_file(), path
 

@@ -1,6 +1,5 @@
 """The mathematics: which sensors does the return depend on? NumPy and SciPy only."""
 
-from .buffer import EpisodeBuffer
 from .conditional_mi import ConditionalMI
 from .episode import Episode
 from .kdr import KDR
@@ -17,7 +16,6 @@ __all__ = [
     'ConditionalMI',
     'ConditionalMISelector',
     'Episode',
-    'EpisodeBuffer',
     'KDRSelector',
     'Lsmi',
     'PermutationTest',

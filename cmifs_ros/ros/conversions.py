@@ -12,7 +12,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Header, Int32MultiArray, MultiArrayDimension
 from visualization_msgs.msg import Marker, MarkerArray
 
-from .transitions import MAX_CHANNELS, RewardSample
+from cmifs_ros.collect.transitions import MAX_CHANNELS, RewardSample
 
 NANOSECONDS = 1_000_000_000
 

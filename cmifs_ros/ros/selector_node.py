@@ -21,16 +21,20 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Header, Int32MultiArray
 from std_srvs.srv import Trigger
 
-from cmifs_ros.core import Episode, EpisodeBuffer
+from cmifs_ros.collect import episode_file
+from cmifs_ros.collect.drift import Drift
+from cmifs_ros.collect.episode_buffer import EpisodeBuffer
+from cmifs_ros.collect.episode_file import Saved
+from cmifs_ros.collect.episode_saver import EpisodeSaver
+from cmifs_ros.collect.reward_reader import RewardReader
+from cmifs_ros.collect.state_filter import StateFilter
+from cmifs_ros.collect.transitions import EpisodeAssembler, RewardSample, listed
+from cmifs_ros.core import Episode
 from cmifs_ros.core.selection import Selection
 
-from . import conversions, diagnostics, episode_file
+from . import conversions, diagnostics
 from .deferred_service import answer_later
-from .drift import Drift
-from .episode_file import Saved
-from .episode_saver import EpisodeSaver
 from .parameters import declare
-from .reward_reader import RewardReader
 from .selection_queue import Job, Outcome, RefusedError, SelectionQueue
 from .selector_parameters import (
     PARAMETERS,
@@ -39,8 +43,6 @@ from .selector_parameters import (
     parse_kdr_target,
     parse_sensor_groups,
 )
-from .state_filter import StateFilter
-from .transitions import EpisodeAssembler, RewardSample, listed
 
 STREAM_QOS = QoSProfile(depth=1000)
 LATCHED_QOS = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)

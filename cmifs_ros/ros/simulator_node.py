@@ -10,12 +10,12 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 from visualization_msgs.msg import MarkerArray
 
+from cmifs_ros.collect.transitions import RewardSample
 from cmifs_ros.sim import SCENARIOS, GridWorld, sample_action
 from cmifs_ros.sim.grid_world import WALLS
 
 from . import conversions
 from .parameters import Spec, declare
-from .transitions import RewardSample
 
 MILLISECOND = 1_000_000  # in nanoseconds
 

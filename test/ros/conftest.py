@@ -23,8 +23,8 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Header, Int32MultiArray
 from std_srvs.srv import Trigger
 
+from cmifs_ros.collect.transitions import RewardSample
 from cmifs_ros.ros import conversions
-from cmifs_ros.ros.transitions import RewardSample
 
 STREAM = QoSProfile(depth=10_000)
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)

@@ -11,11 +11,11 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 
+from cmifs_ros.collect.transitions import RewardSample
 from cmifs_ros.core import Episode
 from cmifs_ros.ros import conversions
-from cmifs_ros.ros.transitions import RewardSample
 from cmifs_ros.sim import channel_names, rollout
-from cmifs_ros.tools.soak import random_reward, random_state
+from studies.soak.soak import random_reward, random_state
 
 NAMES = ('a', 'b', 'c')
 INPUT, SELECTION = 'selector: input', 'selector: selection'

@@ -12,9 +12,9 @@ from processes import is_running
 from rcl_interfaces.srv import DescribeParameters, ListParameters
 from sensor_msgs.msg import JointState
 
+from cmifs_ros.collect.transitions import RewardSample
 from cmifs_ros.core import ConditionalMISelector, Episode, KDRSelector
 from cmifs_ros.ros import selector_parameters, simulator_node
-from cmifs_ros.ros.transitions import RewardSample
 from cmifs_ros.sim import channel_names, rollout
 
 NAMES = ('a', 'b', 'c')

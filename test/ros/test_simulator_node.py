@@ -9,9 +9,9 @@ from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
 from visualization_msgs.msg import MarkerArray
 
+from cmifs_ros.collect.reward_reader import RewardReader
+from cmifs_ros.collect.transitions import EpisodeAssembler
 from cmifs_ros.ros import conversions
-from cmifs_ros.ros.reward_reader import RewardReader
-from cmifs_ros.ros.transitions import EpisodeAssembler
 from cmifs_ros.sim import channel_names, rollout
 from cmifs_ros.sim.grid_world import WALLS
 

@@ -21,13 +21,13 @@ from cmifs_ros.core import ConditionalMI, Episode, Lsmi
 from cmifs_ros.core.held_out import HeldOutObjective
 from cmifs_ros.core.search import forward_selection
 from cmifs_ros.sim import SCENARIOS
+from cmifs_ros.tools.arguments import number_from
+from cmifs_ros.tools.program import exit_code
+from studies.methods import DEFAULT_SETTINGS, default_criterion
+from studies.tables import markdown_table
+from studies.tasks import TASKS
 
-from .arguments import number_from
 from .benchmark import machine
-from .methods import DEFAULT_SETTINGS, default_criterion
-from .program import exit_code
-from .tables import markdown_table
-from .tasks import TASKS
 
 #: The grid point of each step, for a set of channels.
 Points = dict[tuple[int, ...], np.ndarray]

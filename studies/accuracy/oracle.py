@@ -13,12 +13,13 @@ import sys
 import joblib
 import numpy as np
 
-from .accuracy import USUAL_TASKS
-from .arguments import names_among, number_from, numbers_from
-from .methods import default_criterion, mean_and_error
-from .program import exit_code
-from .tables import markdown_table
-from .tasks import TASKS, what_is_missing
+from cmifs_ros.tools.arguments import names_among, number_from, numbers_from
+from cmifs_ros.tools.program import exit_code
+from studies.methods import default_criterion, mean_and_error
+from studies.tables import markdown_table
+from studies.tasks import TASKS, what_is_missing
+
+from .rank_sums import USUAL_TASKS
 
 
 def ranked_higher(task: str, num_episodes: int, seed: int) -> list[int]:

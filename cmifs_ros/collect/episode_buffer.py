@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 
-from .episode import Episode
+from cmifs_ros.core import Episode
 
 
 class EpisodeBuffer:

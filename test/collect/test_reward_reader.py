@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from std_msgs.msg import Header
 
+from cmifs_ros.collect.reward_reader import RewardReader
+from cmifs_ros.collect.transitions import RewardSample
 from cmifs_ros.ros import conversions
-from cmifs_ros.ros.reward_reader import RewardReader
-from cmifs_ros.ros.transitions import RewardSample
 
 
 def test_rewards_survive_the_round_trip():

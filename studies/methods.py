@@ -11,9 +11,9 @@ import numpy as np
 
 from cmifs_ros.core import ConditionalMI, ConditionalMISelector, Episode, KDRSelector, Lsmi
 from cmifs_ros.core.permutation import exchange
+from studies.paper.alternatives import READINGS, rank_read
+from studies.paper.direct_port import rank_directly
 
-from .alternatives import READINGS, rank_read
-from .direct_port import rank_directly
 from .peers import ESTIMATORS, information_by_channel
 
 #: The name of each method and what tables call it.

@@ -26,10 +26,10 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Int32MultiArray
 from std_srvs.srv import Trigger
 
-from cmifs_ros.ros import conversions, episode_file
+from cmifs_ros.collect import episode_file
+from cmifs_ros.ros import conversions
 from cmifs_ros.ros.run_node import make_executor
-
-from .demo import executable
+from cmifs_ros.tools.demo import executable
 
 NUM_CHANNELS = 14
 NAMES = [f'channel_{i}' for i in range(NUM_CHANNELS)]
@@ -94,7 +94,7 @@ class Process:
     @classmethod
     def bare(cls, folder: Path, node: str, executor: str = 'chosen', **parameters) -> Process:
         """Start one of `bare_nodes`."""
-        command = (sys.executable, '-m', 'cmifs_ros.tools.bare_nodes', node, executor)
+        command = (sys.executable, '-m', 'studies.soak.bare_nodes', node, executor)
         return cls(folder, *command, **parameters)
 
     def cpu_seconds(self) -> float:

@@ -3,9 +3,9 @@ import re
 import pytest
 
 from cmifs_ros.sim import rollout
-from cmifs_ros.tools import benchmark_refresh
-from cmifs_ros.tools.benchmark_refresh import RefreshedMI
-from cmifs_ros.tools.methods import default_criterion
+from studies.methods import default_criterion
+from studies.speed import refresh as benchmark_refresh
+from studies.speed.refresh import RefreshedMI
 
 
 def test_on_the_same_episodes_a_refresh_scores_as_the_full_search_did():

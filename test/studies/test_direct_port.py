@@ -7,7 +7,7 @@ from oracles import direct_lsmi
 from cmifs_ros.core import ConditionalMISelector, Episode
 from cmifs_ros.core.samples import StepSamples
 from cmifs_ros.sim import rollout, rollout_chain
-from cmifs_ros.tools.direct_port import (
+from studies.paper.direct_port import (
     REGULARIZATIONS,
     WIDTHS,
     conditional_mi,

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cmifs_ros.ros.transitions import MAX_PENDING, EpisodeAssembler, RewardSample
+from cmifs_ros.collect.transitions import MAX_PENDING, EpisodeAssembler, RewardSample
 
 NAMES = ['a', 'b']
 

@@ -10,14 +10,14 @@ pytest.importorskip('matplotlib')
 from cmifs_ros.core import Episode
 from cmifs_ros.core.samples import step_samples
 from cmifs_ros.sim import rollout_chain
-from cmifs_ros.tools import accuracy_oracle
-from cmifs_ros.tools.accuracy import main
-from cmifs_ros.tools.direct_port import conditional_mi
-from cmifs_ros.tools.distractors import distractor_names, with_distractors
-from cmifs_ros.tools.environments import ENVIRONMENTS, rollout_environment
-from cmifs_ros.tools.methods import rank
-from cmifs_ros.tools.peers import information_by_channel
-from cmifs_ros.tools.tasks import TASKS
+from studies.accuracy import oracle as accuracy_oracle
+from studies.accuracy.rank_sums import main
+from studies.distractors import distractor_names, with_distractors
+from studies.environments import ENVIRONMENTS, rollout_environment
+from studies.methods import rank
+from studies.paper.direct_port import conditional_mi
+from studies.peers import information_by_channel
+from studies.tasks import TASKS
 
 TINY = ('--trials', '2', '--episodes', '12', '--first-seed', '7')
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 import csv
 from pathlib import Path
 
-from .paper_figures import SCENARIOS
-from .study import Outcome, Trial
+from studies.paper.figures import SCENARIOS
+
+from .trials import Outcome, Trial
 
 COLUMNS = ('figure', 'scenario', 'method', 'episodes', 'trial', 'seed', 'ranking', 'seconds')
 

@@ -16,11 +16,11 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
+from cmifs_ros.collect import episode_file
+from cmifs_ros.collect.episode_file import RefusedFileError, Saved
+from cmifs_ros.collect.episode_saver import EpisodeSaver
 from cmifs_ros.core import Episode
 from cmifs_ros.core.selection import Selection
-from cmifs_ros.ros import episode_file
-from cmifs_ros.ros.episode_file import RefusedFileError, Saved
-from cmifs_ros.ros.episode_saver import EpisodeSaver
 
 NAMES = ('a', 'b')
 SELECTION = Selection(
@@ -245,7 +245,7 @@ def test_a_writer_that_is_killed_leaves_one_file_or_the_other(tmp_path):
     code = textwrap.dedent(f"""
         import numpy as np
         from cmifs_ros.core import Episode
-        from cmifs_ros.ros import episode_file
+        from cmifs_ros.collect import episode_file
         number = 0
         while True:
             number += 1
@@ -278,7 +278,7 @@ def test_the_newest_is_saved_and_the_last_save_is_finished(tmp_path):
 
 
 def test_what_was_appended_is_in_the_file_already_and_joins_the_next_one(tmp_path, monkeypatch):
-    monkeypatch.setattr('cmifs_ros.ros.episode_saver._LEAST_APPENDED', 1000)
+    monkeypatch.setattr('cmifs_ros.collect.episode_saver._LEAST_APPENDED', 1000)
     path, sent = str(tmp_path / 'x'), episodes(200)
     saver = EpisodeSaver(path)
     assert not saver.append(sent[0], NAMES)  # There is no file yet.
@@ -307,8 +307,8 @@ def test_killed_at_any_moment_nothing_that_was_appended_is_lost(tmp_path):
     code = textwrap.dedent(f"""
         import numpy as np
         from cmifs_ros.core import Episode
-        from cmifs_ros.ros import episode_saver
-        from cmifs_ros.ros.episode_file import Saved
+        from cmifs_ros.collect import episode_saver
+        from cmifs_ros.collect.episode_file import Saved
         episode_saver._LEAST_APPENDED = 3000
         saver, kept = episode_saver.EpisodeSaver({str(path)!r}), []
         saver.save(Saved(('a',), ()))
@@ -333,7 +333,7 @@ def test_killed_at_any_moment_nothing_that_was_appended_is_lost(tmp_path):
 
 
 def test_a_full_disk_is_told_and_tried_again(tmp_path, monkeypatch):
-    monkeypatch.setattr('cmifs_ros.ros.episode_saver.RETRY_PERIOD', 0.05)
+    monkeypatch.setattr('cmifs_ros.collect.episode_saver.RETRY_PERIOD', 0.05)
     path = str(tmp_path / 'x')
     saver = EpisodeSaver(path)
     before = resource.getrlimit(resource.RLIMIT_FSIZE)

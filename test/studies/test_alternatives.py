@@ -5,8 +5,8 @@ import pytest
 
 from cmifs_ros.core import ConditionalMISelector, Episode, KDRSelector
 from cmifs_ros.sim import rollout
-from cmifs_ros.tools.alternatives import FixedGravelWorld, ReadKDR, rank_read
-from cmifs_ros.tools.direct_port import rank_directly
+from studies.paper.alternatives import FixedGravelWorld, ReadKDR, rank_read
+from studies.paper.direct_port import rank_directly
 
 
 def small(scenario, seed):

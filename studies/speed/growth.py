@@ -19,13 +19,13 @@ from tqdm import tqdm
 
 from cmifs_ros.sim import SCENARIOS
 from cmifs_ros.sim.grid_world import MAX_EPISODE_STEPS, NUM_CHANNELS
+from cmifs_ros.tools.arguments import names_among, number_from, numbers_from
+from cmifs_ros.tools.program import StudyError, exit_code
+from studies.methods import METHODS
+from studies.tables import markdown_table
 
-from .arguments import names_among, number_from, numbers_from
 from .benchmark import machine
 from .measurement import job_of, measure
-from .methods import METHODS
-from .program import StudyError, exit_code
-from .tables import markdown_table
 
 #: What grows, and the sizes measured unless others are asked for.
 SIZES = {

@@ -13,11 +13,11 @@ pytest.importorskip('joblib')
 pytest.importorskip('matplotlib')
 
 from cmifs_ros.sim import rollout
-from cmifs_ros.tools.paper_figures import gravel_histogram, plan
-from cmifs_ros.tools.parallel_trials import IS_OLD_JOBLIB
-from cmifs_ros.tools.reproduce_paper import main
-from cmifs_ros.tools.study import Outcome, Results, Trial, run_trial
-from cmifs_ros.tools.trial_log import TrialLog
+from studies.paper.figures import gravel_histogram, plan
+from studies.paper.reproduce import main
+from studies.parallel_trials import IS_OLD_JOBLIB
+from studies.trial_log import TrialLog
+from studies.trials import Outcome, Results, Trial, run_trial
 
 ROOT = Path(__file__).parents[2]
 TINY = ('--trials', '2', '--episodes', '10', '--methods', 'kdr')
@@ -168,7 +168,7 @@ def test_ctrl_c_ends_it_with_a_sentence_and_leaves_no_process(tmp_path):
     output = tmp_path / 'output'
     with output.open('w') as file:
         process = subprocess.Popen(
-            [sys.executable, '-m', 'cmifs_ros.tools.reproduce_paper', '--methods', 'kdr',
+            [sys.executable, '-m', 'studies.paper.reproduce', '--methods', 'kdr',
              '--episodes', '30', '--trials', '500', '--jobs', '2', '--out', tmp_path],
             cwd=ROOT, stdout=file, stderr=subprocess.STDOUT, start_new_session=True,
         )  # fmt: skip

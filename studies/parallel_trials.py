@@ -10,9 +10,10 @@ from contextlib import closing, contextmanager
 import joblib
 from tqdm import tqdm
 
-from .program import StudyError
-from .study import Outcome, Results, Trial, run_trial
+from cmifs_ros.tools.program import StudyError
+
 from .trial_log import TrialLog
+from .trials import Outcome, Results, Trial, run_trial
 
 #: Ubuntu 24.04's joblib 1.3 gives results in order only: a row then waits for those before it.
 IS_OLD_JOBLIB = tuple(map(int, joblib.__version__.split('.')[:2])) < (1, 4)

@@ -19,9 +19,9 @@ from contextlib import nullcontext
 from pathlib import Path
 from typing import NamedTuple
 
-from .methods import rank
-from .program import StudyError
-from .tasks import TASKS, rollout_scaled
+from cmifs_ros.tools.program import StudyError
+from studies.methods import rank
+from studies.tasks import TASKS, rollout_scaled
 
 THREAD_VARIABLES = ('OPENBLAS_NUM_THREADS', 'OMP_NUM_THREADS', 'MKL_NUM_THREADS')
 
@@ -89,7 +89,7 @@ def measure(job: Job) -> Measurement:
 
     """
     process = subprocess.run(
-        [sys.executable, '-m', 'cmifs_ros.tools.measurement', json.dumps(job)],
+        [sys.executable, '-m', 'studies.speed.measurement', json.dumps(job)],
         env=os.environ | dict.fromkeys(THREAD_VARIABLES, str(job.blas_threads)),
         stdout=subprocess.PIPE,
         text=True,

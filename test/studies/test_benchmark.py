@@ -13,9 +13,10 @@ pytest.importorskip('joblib')
 pytest.importorskip('matplotlib')
 
 from cmifs_ros.sim import rollout
-from cmifs_ros.tools import benchmark, benchmark_growth
-from cmifs_ros.tools.methods import rank, rank_sum
-from cmifs_ros.tools.tasks import rollout_scaled
+from studies.methods import rank, rank_sum
+from studies.speed import benchmark
+from studies.speed import growth as benchmark_growth
+from studies.tasks import rollout_scaled
 
 ROOT = Path(__file__).parents[2]
 TINY = ('--episodes', '8', '--steps', '14', '--channels', '5', '--top', '2', '--trials', '2')
@@ -26,7 +27,7 @@ def report():
     """Return what `benchmark --json` prints, run as a user runs it."""
     options = ['--methods', 'direct_port,default', '--jobs', '1', '--seed', '4', '--json']
     done = subprocess.run(
-        [sys.executable, '-m', 'cmifs_ros.tools.benchmark', *TINY, *options],
+        [sys.executable, '-m', 'studies.speed.benchmark', *TINY, *options],
         cwd=ROOT, capture_output=True, text=True, check=True,
     )  # fmt: skip
     return json.loads(done.stdout)
@@ -125,7 +126,7 @@ def children(pid):
 
 def test_ctrl_c_ends_it_with_a_sentence_and_leaves_no_process():
     process = subprocess.Popen(
-        [sys.executable, '-m', 'cmifs_ros.tools.benchmark', '--methods', 'default'],
+        [sys.executable, '-m', 'studies.speed.benchmark', '--methods', 'default'],
         cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
     )  # fmt: skip
     try:

@@ -10,11 +10,12 @@ import argparse
 import sys
 from pathlib import Path
 
-from .arguments import names_among, number_from, numbers_from
-from .paper_figures import markdown, plan, save_figures
-from .parallel_trials import finish
-from .program import StudyError, exit_code
-from .trial_log import TrialLog
+from cmifs_ros.tools.arguments import names_among, number_from, numbers_from
+from cmifs_ros.tools.program import StudyError, exit_code
+from studies.parallel_trials import finish
+from studies.trial_log import TrialLog
+
+from .figures import markdown, plan, save_figures
 
 FIGURES = ('6a', '6b', '7')
 #: The method of the paper, the one it compares with, and the default of this package.

@@ -15,15 +15,15 @@ from pathlib import Path
 
 import numpy as np
 
-from . import methods, tasks
-from .arguments import names_among, number_from, numbers_from
-from .methods import METHODS
-from .parallel_trials import finish
-from .program import StudyError, exit_code
-from .study import Results, Trial
-from .tables import markdown_table
-from .tasks import TASKS
-from .trial_log import TrialLog
+from cmifs_ros.tools.arguments import names_among, number_from, numbers_from
+from cmifs_ros.tools.program import StudyError, exit_code
+from studies import methods, tasks
+from studies.methods import METHODS
+from studies.parallel_trials import finish
+from studies.tables import markdown_table
+from studies.tasks import TASKS
+from studies.trial_log import TrialLog
+from studies.trials import Results, Trial
 
 #: Those asked for by default, first in the table, where the others follow.
 USUAL_METHODS = ('default', 'paper', 'kdr', 'ennemi', 'sklearn')

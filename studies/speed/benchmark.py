@@ -22,13 +22,13 @@ from tqdm import tqdm
 
 from cmifs_ros.sim import SCENARIOS
 from cmifs_ros.sim.grid_world import MAX_EPISODE_STEPS, NUM_CHANNELS
+from cmifs_ros.tools.arguments import names_among, number_from, numbers_from
+from cmifs_ros.tools.program import exit_code
+from studies.methods import METHODS, mean_and_error, rank_sum, what_is_missing
+from studies.tables import markdown_table
+from studies.tasks import TASKS
 
-from .arguments import names_among, number_from, numbers_from
 from .measurement import Job, Measurement, job_of, measure
-from .methods import METHODS, mean_and_error, rank_sum, what_is_missing
-from .program import exit_code
-from .tables import markdown_table
-from .tasks import TASKS
 
 #: In the order of the table; the first is the measure of all others.
 TABLE = ('direct_port', 'default', 'paper', 'kdr', 'ennemi', 'sklearn')
