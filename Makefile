@@ -17,11 +17,11 @@ export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 ifdef ROS_DISTRO
 VENV := .venv-ros
 # No peers: ennemi brings NumPy 2 along, with which Ubuntu's compiled packages do not go.
-GROUPS := build run test tasks lint
+GROUPS := build run bags test tasks lint
 PYTHON ?= python3
 else
 VENV := .venv
-GROUPS := ros build run test tasks peers lint
+GROUPS := ros build run bags test tasks peers lint
 # The first of these that runs and is supported; ROS 2 Jazzy's own Python comes first.
 PYTHON ?= $(shell for p in python3.12 "$$(pyenv prefix 3.12 2>/dev/null)/bin/python3.12" \
 	python3.13 python3.11 python3.10 python3; do \

@@ -16,7 +16,7 @@ METHODS = {'conditional_mi': ConditionalMISelector, 'kdr': KDRSelector}
 
 @dataclass(frozen=True)
 class Selection:
-    """What was selected, and on what evidence.
+    """What was selected, and on what evidence: the one result that everything shows.
 
     Attributes
     ----------
@@ -25,9 +25,21 @@ class Selection:
     names : tuple of str
         Their names.
     ranking : tuple of str
-        Names of all sensors that were ranked, best first.
+        Names of all sensors that were ranked, best first; what is below is in the same order.
     scores : tuple of float
         The criterion of the first 1, 2, ... sensors of the ranking.
+    statuses : tuple of str
+        'confirmed': tells something about the return that the others selected do not;
+        'tentative': not shown so far; 'rejected': tells nothing that the confirmed do not.
+    pvalues : tuple of float
+        Of the hypothesis that the sensor tells nothing beside the others selected, corrected for
+        the number of sensors; small is evidence.
+    null_scores : tuple of (float, float, float)
+        The score that a sensor telling nothing would have at the same place: 5 %, median, 95 %.
+    spoke_by : tuple of tuple of str
+        The channels that spoke for the sensor: all of it, or the best of a group.
+    stability : tuple of float
+        Share of resampled sets of episodes in which the sensor is selected; empty if not asked.
     episodes, steps : int
         Size of the data it rests on.
     seconds : float
@@ -46,6 +58,11 @@ class Selection:
     seconds: float
     means: tuple[float, ...] = ()
     spreads: tuple[float, ...] = ()
+    statuses: tuple[str, ...] = ()
+    pvalues: tuple[float, ...] = ()
+    null_scores: tuple[tuple[float, float, float], ...] = ()
+    spoke_by: tuple[tuple[str, ...], ...] = ()
+    stability: tuple[float, ...] = ()
 
 
 def select(
