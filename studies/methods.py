@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from concurrent.futures import Executor
 from importlib.util import find_spec
 from typing import NamedTuple
 
 import numpy as np
 
-from cmifs_ros.core import ConditionalMI, ConditionalMISelector, Episode, KDRSelector, Lsmi
-from cmifs_ros.core.permutation import exchange
+from cmifs_ros.core import ConditionalMISelector, Episode, KDRSelector
+from cmifs_ros.core.shadows import exchange
 from studies.paper.alternatives import READINGS, rank_read
 from studies.paper.direct_port import rank_directly
 
@@ -42,15 +41,6 @@ NUM_CENTERS = {'centers_25': 25, 'centers_50': 50, 'centers_all': None}
 _PACKAGES = {'ennemi': 'ennemi', 'sklearn': 'scikit-learn'}
 
 
-#: Of `ConditionalMI`, as `ConditionalMISelector` has them by default.
-DEFAULT_SETTINGS = {
-    'gamma': 0.95,
-    'standardize': True,
-    'max_time_bins': 32,
-    'tuning_window': 2,
-}
-
-
 class Ranking(NamedTuple):
     """The channels ranked, best first, as indices from 0, and the score of each place.
 
@@ -76,8 +66,7 @@ def rank(
     target: Sequence[int],
     seed: int,
     num_features: int | None = None,
-    executor: Executor | None = None,
-    num_threads: int = 1,
+    n_jobs: int = 1,
 ) -> Ranking:
     """Rank the channels by one of the methods.
 
@@ -92,15 +81,13 @@ def rank(
         Of everything random in the method.
     num_features : int, optional
         How many channels to rank; None ranks all.
-    executor : concurrent.futures.Executor, optional
-        The processes of our engine.
-    num_threads : int
-        Threads of ennemi. Those of the linear algebra are set from outside.
+    n_jobs : int
+        Threads of our engine and of ennemi. Those of the linear algebra are set from outside.
 
     """
     count = num_features or episodes[0].num_channels
     if method in ESTIMATORS:
-        estimate = ESTIMATORS[method](seed, num_threads)
+        estimate = ESTIMATORS[method](seed, n_jobs)
         information = information_by_channel(episodes, estimate)
         best = np.argsort(-information, kind='stable')[:count]
         return Ranking(tuple(best.tolist()), tuple(information[best].tolist()))
@@ -109,7 +96,7 @@ def rank(
             states = exchange([e.states for e in episodes], np.random.default_rng([seed, 3]))
             pairs = zip(states, episodes, strict=True)
             episodes = [Episode(s, episode.rewards) for s, episode in pairs]
-        selector = ConditionalMISelector(random_state=seed, executor=executor).fit(episodes)
+        selector = ConditionalMISelector(random_state=seed, n_jobs=n_jobs).fit(episodes)
         selected = selector.ranking_[: selector.num_features_]
         return Ranking(tuple(selected.tolist()), tuple(selector.scores_[: len(selected)].tolist()))
     if method in READINGS:
@@ -121,17 +108,12 @@ def rank(
     if method == 'kdr':
         selector = KDRSelector(count, target=target, random_state=seed)
     elif method == 'paper':
-        selector = ConditionalMISelector.paper(count, random_state=seed, executor=executor)
+        selector = ConditionalMISelector.paper(count, random_state=seed, n_jobs=n_jobs)
     else:
         options = {'num_centers': NUM_CENTERS[method]} if method in NUM_CENTERS else {}
-        selector = ConditionalMISelector(count, random_state=seed, executor=executor, **options)
+        selector = ConditionalMISelector(count, random_state=seed, n_jobs=n_jobs, **options)
     selector.fit(episodes)
     return Ranking(tuple(selector.ranking_.tolist()), tuple(selector.scores_.tolist()))
-
-
-def default_criterion(episodes: Sequence[Episode], seed: int) -> ConditionalMI:
-    """Return the criterion of `ConditionalMISelector(random_state=seed)`."""
-    return ConditionalMI(episodes, Lsmi(), **DEFAULT_SETTINGS, random_state=seed, executor=None)
 
 
 def rank_sum(ranking: Sequence[int], relevant: Sequence[int], num_channels: int) -> float:

@@ -74,7 +74,10 @@ def as_episodes(data: Iterable[Episode] | tuple[np.ndarray, np.ndarray]) -> list
     Parameters
     ----------
     data : iterable of Episode, or a pair of arrays of shapes (M, N, v) and (M, N)
-        The pair holds the states and the rewards of M episodes of N steps.
+        The pair holds the states and the rewards of M episodes of N steps. What is NaN or masked
+        in the states is a gap, bridged by the last reading before it in its episode, else by the
+        next, else by the channel's median; an infinite one stands for out of range (REP 117) and
+        becomes the channel's greatest or least finite reading.
 
     Raises
     ------
@@ -83,12 +86,13 @@ def as_episodes(data: Iterable[Episode] | tuple[np.ndarray, np.ndarray]) -> list
 
     """
     if isinstance(data, tuple) and len(data) == 2 and not isinstance(data[0], Episode):
-        states, rewards = (np.asarray(part) for part in data)
+        states, rewards = (np.ma.filled(np.ma.asarray(part, dtype=float), np.nan) for part in data)
         if states.ndim != 3 or rewards.shape != states.shape[:2]:
             raise ValueError(
                 f'the pair of arrays has shapes {states.shape} and {rewards.shape}; '
                 'expected (episodes, steps, channels) and (episodes, steps)'
             )
+        states = _bridged(states)
         episodes = [Episode(s, r) for s, r in zip(states, rewards, strict=True)]
     else:
         episodes = list(data)
@@ -104,3 +108,35 @@ def as_episodes(data: Iterable[Episode] | tuple[np.ndarray, np.ndarray]) -> list
                 f'expected {episodes[0].num_channels} as in episode 0'
             )
     return episodes
+
+
+def unique_episodes(episodes: Iterable[Episode]) -> list[Episode]:
+    """Return the episodes without those that repeat an earlier one, states and rewards alike."""
+    seen, unique = set(), []
+    for episode in episodes:
+        content = (episode.states.tobytes(), episode.rewards.tobytes())
+        if content not in seen:
+            seen.add(content)
+            unique.append(episode)
+    return unique
+
+
+def _bridged(states: np.ndarray) -> np.ndarray:
+    """Return states (M, N, v) without gaps and infinite values; `as_episodes` tells how."""
+    if np.isfinite(states).all():
+        return states
+    finite = np.where(np.isfinite(states), states, np.nan)
+    empty = np.isnan(finite).all(axis=(0, 1))
+    if empty.any():
+        raise ValueError(
+            f'channel {int(np.flatnonzero(empty)[0])} has no finite value; expected some readings'
+        )
+    filled = np.where(states == np.inf, np.nanmax(finite, axis=(0, 1)), states)
+    filled = np.where(states == -np.inf, np.nanmin(finite, axis=(0, 1)), filled)
+    for step in range(1, states.shape[1]):
+        gap = np.isnan(filled[:, step])
+        filled[:, step][gap] = filled[:, step - 1][gap]
+    for step in range(states.shape[1] - 2, -1, -1):
+        gap = np.isnan(filled[:, step])
+        filled[:, step][gap] = filled[:, step + 1][gap]
+    return np.where(np.isnan(filled), np.nanmedian(finite, axis=(0, 1)), filled)

@@ -1,4 +1,4 @@
-"""The held-out objective of LSMI over a grid of widths and regularisations: the fast path.
+"""The held-out objective of LSMI over a grid of widths and regularisations, compiled.
 
 J of Equation (7) of Hachiya & Sugiyama (2010), for one time step and many channel subsets.
 What makes it fast, and why each is exact:
@@ -8,231 +8,183 @@ What makes it fast, and why each is exact:
 - The Gram matrices of the folds add up to that of all samples, and training on all folds but
   one subtracts that one.
 - All subsets share the returns, and the squared distances of the channels they have in common.
-- Samples with the same (eta, z) carry the same Gaussian. Their coefficients are equal, so one
-  Gaussian scaled by the root of their number stands for all of them: H, h and the penalty
-  on the coefficients stay what they were.
-- All regularisations of one width and fold share a Krylov space; see `shifted_systems`.
-- Where no Gaussian of z reaches from one fold into another, the model is 0 on what is held out,
-  and so is J, to far below rounding.
-
-In float32 the same is done as a screening, with Krylov spaces that end earlier. Its errors are far
-below `TOLERANCE`; whatever it leaves undecided is to be evaluated again in float64.
+- A shift leaves the Krylov space of (H, h) unchanged, so one Lanczos run serves all
+  regularisations (Golub & Van Loan, Matrix Computations, 10.3). Each vector is orthogonalised
+  against all earlier ones, which makes the solutions exact to `_RTOL`.
+- The held-out H is needed on the Krylov space only.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from itertools import chain, groupby, repeat
-
 import numpy as np
-from scipy.spatial.distance import cdist
+from numba import njit
 
-from .samples import StepSamples
-from .shifted_systems import ShiftedSystems
-from .workspace import Workspace
-
-#: Values of J in float32 that differ by less than this are undecided. The greatest error seen
-#: near the least J is a fifth of it.
-TOLERANCE = 2.5e-4
 #: Residual of the systems, relative to h.
-_RTOL = {np.float32: 1e-5, np.float64: 1e-11}
-#: Gaussians below exp(-this) count as 0; divided by the square of any sensible regularisation they
-#: still do.
-_ISOLATED = 60.0
-#: Greatest number of entries in one stack of matrices: larger ones fall out of the cache.
-_STACK_ENTRIES = 500_000
+_RTOL = 1e-9
+_COMPILED = {'cache': True, 'nogil': True, 'fastmath': {'contract', 'reassoc', 'nsz', 'arcp'}}
 
 
-class HeldOutObjective:
-    """J of Equation (7), averaged over the held-out folds, of the channel subsets of one step.
+@njit(**_COMPILED)
+def held_out_objective(returns, states, starts, centers, common, own, widths, regularizations):
+    """Return J, averaged over the held-out folds.
 
     Parameters
     ----------
-    step : StepSamples
-        M samples in F folds, B of them centres.
-    subsets : sequence of C sequences of int
-        The channels of each candidate feature set.
+    returns : numpy.ndarray, shape (M,)
+        Samples ordered by fold.
+    states : numpy.ndarray, shape (M, v)
+    starts : numpy.ndarray of int, shape (F + 1,)
+        Where each fold begins, and M.
+    centers : numpy.ndarray of int, shape (B,)
+        The samples that carry a kernel.
+    common : numpy.ndarray of int, shape (k,)
+        The channels that all subsets have.
+    own : numpy.ndarray of int, shape (C, j)
+        The further channels of each subset; -1 stands for none.
+    widths : numpy.ndarray, shape (W,)
     regularizations : numpy.ndarray, shape (L,)
-        The grid of lambda.
-    dtype : {numpy.float32, numpy.float64}
+        Positive lambdas.
+
+    Returns
+    -------
+    numpy.ndarray, shape (C, W, L)
 
     """
+    num_samples, size = len(returns), len(centers)
+    num_folds, num_lambdas = len(starts) - 1, len(regularizations)
+    objective = np.zeros((len(own), len(widths), num_lambdas))
+    eta_distances = np.empty((num_samples, size))
+    shared = np.zeros((num_samples, size))
+    for m in range(num_samples):
+        for b in range(size):
+            difference = returns[m] - returns[centers[b]]
+            eta_distances[m, b] = difference * difference
+            for channel in common:
+                difference = states[m, channel] - states[centers[b], channel]
+                shared[m, b] += difference * difference
+    distances = np.empty((len(own), num_samples, size))
+    for c in range(len(own)):
+        for m in range(num_samples):
+            for b in range(size):
+                total = shared[m, b]
+                for channel in own[c]:
+                    if channel >= 0:
+                        difference = states[m, channel] - states[centers[b], channel]
+                        total += difference * difference
+                distances[c, m, b] = total
 
-    def __init__(
-        self,
-        step: StepSamples,
-        subsets: Sequence[Sequence[int]],
-        regularizations: np.ndarray,
-        dtype: type,
-    ):
-        order = np.argsort(step.folds, kind='stable')
-        folds = step.folds[order]
-        returns, states = step.returns[order], step.states[order]
-        self._regularizations = regularizations
-        self._dtype = dtype
-        self._workspace = Workspace()
-        starts = np.flatnonzero(np.diff(folds, prepend=-1))
-        self._folds = [slice(a, b) for a, b in zip(starts, [*starts[1:], len(folds)], strict=True)]
-        self._indicator = (folds[:, None] == np.unique(folds)).astype(dtype)
-        self._sizes = self._indicator.sum(axis=0)[:, None, None, None]
+    k_z = np.empty((num_samples, size))
+    eta_grams = np.empty((num_folds, size, size))
+    z_grams = np.empty((num_folds, size, size))
+    h = np.empty((num_folds, size))
+    train = np.empty((size, size))
+    test = np.empty((size, size))
+    for w in range(len(widths)):
+        factor = -0.5 / widths[w] ** 2
+        k_eta = np.exp(eta_distances * factor)
+        for f in range(num_folds):
+            part = k_eta[starts[f] : starts[f + 1]]
+            eta_grams[f] = np.dot(part.T, part)
+        eta_total = eta_grams.sum(axis=0)
+        for c in range(len(own)):
+            for m in range(num_samples):
+                for b in range(size):
+                    k_z[m, b] = np.exp(distances[c, m, b] * factor)
+            h[:] = 0.0
+            for f in range(num_folds):
+                part = k_z[starts[f] : starts[f + 1]]
+                z_grams[f] = np.dot(part.T, part)
+                for m in range(starts[f], starts[f + 1]):
+                    for b in range(size):
+                        h[f, b] += k_eta[m, b] * k_z[m, b]
+            z_total = z_grams.sum(axis=0)
+            h_total = h.sum(axis=0)
+            for f in range(num_folds):
+                held_out = starts[f + 1] - starts[f]
+                rest = num_samples - held_out
+                for i in range(size):
+                    for j in range(size):
+                        test[i, j] = z_grams[f, i, j] * eta_grams[f, i, j] / held_out**2
+                        train[i, j] = (
+                            (z_total[i, j] - z_grams[f, i, j])
+                            * (eta_total[i, j] - eta_grams[f, i, j])
+                            / rest**2
+                        )
+                objective[c, w] += (
+                    _fold_objective(
+                        train, (h_total - h[f]) / rest, test, h[f] / held_out, regularizations
+                    )
+                    / num_folds
+                )
+    return objective
 
-        centers = np.argsort(order)[step.centers]
-        common = [c for c in subsets[0] if all(c in subset for subset in subsets)]
-        own = [[c for c in subset if c not in common] for subset in subsets]
-        self._eta_distances = cdist(returns[centers, None], returns[:, None], 'sqeuclidean')
-        shared = cdist(states[centers][:, common], states[:, common], 'sqeuclidean')
-        columns, counts = _merged_centers(returns[centers], states[centers], common, own)
-        #: Gaussians of each candidate, None for all the centres; how many each stands for.
-        self._columns = columns
-        self._scale = None if counts is None else np.sqrt(counts).astype(dtype)[:, :, None]
-        size = len(centers) if columns is None else columns.shape[1]
-        shape = (len(subsets), size, len(returns))
-        self._z_distances = np.empty(shape, dtype)
-        self._isolation = np.empty(len(subsets))
-        is_other_fold = folds[centers][:, None] != folds
-        for i, channels in enumerate(own):
-            chosen = states[:, channels]
-            distances = shared + cdist(chosen[centers], chosen, 'sqeuclidean')
-            self._isolation[i] = distances[is_other_fold].min()
-            self._z_distances[i] = distances if columns is None else distances[columns[i]]
 
-    def evaluate(self, which: np.ndarray, widths: np.ndarray) -> np.ndarray:
-        """Return J of candidates at widths of the grid, for all lambdas.
-
-        Parameters
-        ----------
-        which : numpy.ndarray of bool, shape (C, W)
-            What to evaluate.
-        widths : numpy.ndarray, shape (W,)
-
-        Returns
-        -------
-        numpy.ndarray of float64, shape (C, W, L)
-            0 where `which` is False.
-
-        """
-        objective = np.zeros((*which.shape, len(self._regularizations)))
-        reaches = self._isolation[:, None] <= 2 * _ISOLATED * widths**2
-        # Ordered by width, so that systems that are solved together are alike.
-        index, candidates = np.nonzero((which & reaches).T)
-        for pairs in self._batches(len(index)):
-            objective[candidates[pairs], index[pairs]] = self._evaluate(
-                widths[index[pairs]], candidates[pairs]
-            )
+@njit(**_COMPILED)
+def _fold_objective(train, h_train, test, h_test, regularizations):
+    """Return alpha' H alpha / 2 - h' alpha on the test fold for each lambda: shape (L,)."""
+    size, num_lambdas = len(h_train), len(regularizations)
+    objective = np.zeros(num_lambdas)
+    norm = np.sqrt(_dot(h_train, h_train))
+    if norm < 1e-150:  # No Gaussian reaches any sample: the model is 0.
         return objective
-
-    def _batches(self, num_pairs: int) -> Iterator[slice]:
-        """Yield slices of the pairs, the systems of each no larger than the cache."""
-        size, num_samples = self._z_distances.shape[1:]
-        entries = max(len(self._folds) * size, num_samples) * size
-        count = min(num_pairs, -(-num_pairs * entries // _STACK_ENTRIES))
-        for part in np.array_split(np.arange(num_pairs), count) if count else []:
-            yield slice(part[0], part[-1] + 1)
-
-    def _evaluate(self, widths: np.ndarray, candidates: np.ndarray) -> np.ndarray:
-        """Return J of pairs of a width and a candidate at each lambda: shape (n, L)."""
-        train, h_train, test, h_test = self._systems(widths, candidates)
-        num_folds, num_pairs, size = h_train.shape
-        systems = ShiftedSystems(
-            train.reshape(-1, size, size),
-            h_train.reshape(-1, size),
-            self._regularizations,
-            self._workspace,
-        )
-        for num_vectors in chain([2, 4], repeat(3)):
-            systems.extend(num_vectors)
-            if systems.converged(_RTOL[self._dtype]).all():
-                break
-        alpha = systems.solutions().reshape(num_folds, num_pairs, -1, size)
-        image = self._workspace.array('image', alpha.shape, self._dtype)
-        np.matmul(alpha, test, out=image)
-        quadratic = np.einsum('fnlb,fnlb->fnl', image, alpha)
-        linear = np.matmul(alpha, h_test[..., None])[..., 0]
-        return np.mean(0.5 * quadratic - linear, axis=0)
-
-    def _systems(self, widths, candidates) -> tuple[np.ndarray, ...]:
-        """Return H and h of each fold, for training without it and for testing on it.
-
-        The matrices have shape (F, n, U, U), the vectors (F, n, U).
-        """
-        size, num_samples = self._z_distances.shape[1:]
-        num_folds, num_pairs = len(self._folds), len(widths)
-
-        def scratch(name, *shape):
-            return self._workspace.array(name, shape, self._dtype)
-
-        k_z = scratch('k_z', num_pairs, size, num_samples)
-        for k, width, candidate in zip(k_z, widths, candidates, strict=True):
-            gaussian(self._z_distances[candidate], width, out=k)
-        if self._scale is not None:
-            k_z *= self._scale[candidates]
-        test = scratch('test', num_folds, num_pairs, size, size)
-        train = scratch('train', num_folds, num_pairs, size, size)
-        joint = scratch('joint', num_pairs, size, num_samples)
-        total = scratch('total', num_pairs, size, size)
-        self._fold_grams(k_z, out=test)
-        np.sum(test, axis=0, out=total)
-        np.subtract(total, test, out=train)
-        rest = num_samples - self._sizes
-        for width, group in groupby(range(num_pairs), key=lambda i: widths[i]):
-            first, *_, last = [*group] * 2
-            pairs = slice(first, last + 1)
-            k_eta = gaussian(self._eta_distances.astype(self._dtype), width)
-            k_eta = (
-                k_eta[None] if self._columns is None else k_eta[self._columns[candidates[pairs]]]
-            )
-            np.multiply(k_z[pairs], k_eta, out=joint[pairs])
-            gram = scratch('gram', num_folds, len(k_eta), size, size)
-            others = scratch('others', num_folds, len(k_eta), size, size)
-            self._fold_grams(k_eta, out=gram)
-            np.subtract(gram.sum(axis=0), gram, out=others)
-            others /= rest**2
-            train[:, pairs] *= others
-            gram /= self._sizes**2
-            test[:, pairs] *= gram
-        h = np.matmul(joint, self._indicator).transpose(2, 0, 1)
-        return train, (h.sum(axis=0) - h) / rest[..., 0], test, h / self._sizes[..., 0]
-
-    def _fold_grams(self, kernel: np.ndarray, out: np.ndarray) -> None:
-        """Write K_f K_f' of (n, U, M), for each fold f of the samples, to (F, n, U, U)."""
-        for gram, fold in zip(out, self._folds, strict=True):
-            part = kernel[:, :, fold]
-            np.matmul(part, part.transpose(0, 2, 1), out=gram)
+    basis = np.empty((size, size))
+    image = np.empty((size, size))  # of the basis under the test matrix
+    quadratic = np.empty((size, size))
+    linear = np.empty(size)
+    diagonal, coupling = np.empty(size), np.empty(size)
+    pivots, forward = np.empty((size, num_lambdas)), np.empty((size, num_lambdas))
+    vector = h_train / norm
+    worst = np.argmin(regularizations)
+    count, scale = 0, 0.0
+    while True:
+        k = count
+        basis[k] = vector
+        column = np.dot(train, vector)
+        for i in range(k, -1, -1):
+            component = _dot(basis[i], column)
+            if i == k:
+                diagonal[k] = component
+            for b in range(size):
+                column[b] -= component * basis[i, b]
+        for i in range(num_lambdas):
+            pivots[k, i] = diagonal[k] + regularizations[i]
+            forward[k, i] = norm
+            if k:
+                ratio = coupling[k - 1] / pivots[k - 1, i]
+                pivots[k, i] -= ratio * coupling[k - 1]
+                forward[k, i] = -ratio * forward[k - 1, i]
+        image[k] = np.dot(test, basis[k])
+        for i in range(k + 1):
+            quadratic[i, k] = quadratic[k, i] = _dot(basis[i], image[k])
+        linear[k] = _dot(basis[k], h_test)
+        count = k + 1
+        coupling[k] = np.sqrt(_dot(column, column))
+        scale = max(scale, diagonal[k])
+        residual = coupling[k] * abs(forward[k, worst] / pivots[k, worst])
+        # Below rounding the Krylov space is complete.
+        is_complete = count == size or coupling[k] <= 1e-15 * scale
+        if is_complete or residual <= _RTOL * norm:
+            break
+        vector = column / coupling[k]
+    weights = np.empty(count)
+    for i in range(num_lambdas):
+        weights[count - 1] = forward[count - 1, i] / pivots[count - 1, i]
+        for k in range(count - 2, -1, -1):
+            weights[k] = (forward[k, i] - coupling[k] * weights[k + 1]) / pivots[k, i]
+        total = 0.0
+        for a in range(count):
+            row = 0.0
+            for b in range(count):
+                row += quadratic[a, b] * weights[b]
+            total += weights[a] * (0.5 * row - linear[a])
+        objective[i] = total
+    return objective
 
 
-def gaussian(squared_distance: np.ndarray, width: float, out=None) -> np.ndarray:
-    """Return exp(-d^2 / 2 sigma^2) in the type of its argument."""
-    out = np.multiply(squared_distance, squared_distance.dtype.type(-0.5 / width**2), out=out)
-    return np.exp(out, out=out)
-
-
-def _merged_centers(returns, states, common, own) -> tuple[np.ndarray | None, np.ndarray | None]:
-    """Return, for each candidate, one of each set of equal centres and how many it stands for.
-
-    Both have shape (C, U), U the greatest number of different centres; where a candidate has
-    fewer, the rest stand for 0. Both are None where that would leave most of the centres.
-    """
-
-    def split(labels, channels):
-        """Return finer labels of equal centres, told apart by further channels too."""
-        for channel in channels:
-            _, values = np.unique(states[:, channel], return_inverse=True)
-            _, labels = np.unique(labels * len(returns) + values, return_inverse=True)
-        return labels
-
-    worthwhile = 0.75 * len(returns)
-    shared = split(np.unique(returns, return_inverse=True)[1], common)
-    if shared.max() >= worthwhile:
-        return None, None
-    merged = [
-        np.unique(split(shared, channels), return_index=True, return_counts=True)[1:]
-        for channels in own
-    ]
-    size = max(len(index) for index, _ in merged)
-    if size > worthwhile:
-        return None, None
-    pad = [(index, count, (0, size - len(index))) for index, count in merged]
-    return (
-        np.stack([np.pad(index, width) for index, _, width in pad]),
-        np.stack([np.pad(count, width) for _, count, width in pad]),
-    )
+@njit(**_COMPILED)
+def _dot(a, b):
+    """Return the product of two short vectors, for which a call of BLAS is too long a way."""
+    total = 0.0
+    for i in range(len(a)):
+        total += a[i] * b[i]
+    return total

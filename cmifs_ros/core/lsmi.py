@@ -12,13 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.distance import cdist
 
-from .held_out import HeldOutObjective, gaussian
 from .samples import StepSamples
 
 CRITERIA = ('held_out', 'plug_in')
-
-#: Regularisations below this drown in the rounding of float32.
-_LEAST_COARSE_REGULARIZATION = 1e-4
 
 
 @dataclass(frozen=True)
@@ -83,39 +79,39 @@ class Lsmi:
         numpy.ndarray, shape (C,)
 
         """
-        everywhere = np.ones((len(subsets), len(self.widths)), dtype=bool)
-        objective = self.objective(step, subsets, everywhere)
+        objective = self.objective(step, subsets)
         return self.information(
             step, subsets, objective, objective.reshape(len(subsets), -1).argmin(axis=1)
         )
 
-    def objective(
-        self,
-        step: StepSamples,
-        subsets: Sequence[Sequence[int]],
-        which: np.ndarray | None,
-    ) -> np.ndarray:
+    def objective(self, step: StepSamples, subsets: Sequence[Sequence[int]]) -> np.ndarray:
         """Return the held-out objective J of Equation (7) on the grid.
-
-        Parameters
-        ----------
-        step, subsets
-            As of `estimate`.
-        which : numpy.ndarray of bool, shape (C, len(self.widths)), optional
-            The widths to evaluate in float64; elsewhere J is left at 0. None screens the whole
-            grid in float32, with errors far below `held_out.TOLERANCE`.
 
         Returns
         -------
         numpy.ndarray, shape (C, len(self.widths), len(self.regularizations))
 
         """
-        is_exact = which is not None or min(self.regularizations) < _LEAST_COARSE_REGULARIZATION
-        if which is None:
-            which = np.ones((len(subsets), len(self.widths)), dtype=bool)
-        dtype = np.float64 if is_exact else np.float32
-        return HeldOutObjective(step, subsets, np.array(self.regularizations), dtype).evaluate(
-            which, np.array(self.widths)
+        # Compiled code is loaded where it is used: who never computes need not wait for it.
+        from .held_out import held_out_objective
+
+        order = np.argsort(step.folds, kind='stable')
+        folds = step.folds[order]
+        starts = np.flatnonzero(np.diff(folds, prepend=-1, append=folds[-1] + 1))
+        common = [c for c in subsets[0] if all(c in subset for subset in subsets)]
+        rest = [[c for c in subset if c not in common] for subset in subsets]
+        own = np.full((len(rest), max(1, *map(len, rest))), -1)
+        for row, channels in zip(own, rest, strict=True):
+            row[: len(channels)] = channels
+        return held_out_objective(
+            step.returns[order],
+            step.states[order],
+            starts,
+            np.argsort(order)[step.centers],
+            np.array(common, dtype=np.int64),
+            own,
+            np.array(self.widths),
+            np.array(self.regularizations),
         )
 
     def information(
@@ -155,8 +151,8 @@ class Lsmi:
 def _plug_in(step: StepSamples, subset, width: float, regularization: float) -> float:
     """Return the mutual information of Equation (10), fitted to all samples."""
     z, eta = step.states[:, list(subset)], step.returns[:, None]
-    k_eta = gaussian(cdist(eta[step.centers], eta, 'sqeuclidean'), width)
-    k_z = gaussian(cdist(z[step.centers], z, 'sqeuclidean'), width)
+    k_eta = np.exp(cdist(eta[step.centers], eta, 'sqeuclidean') * (-0.5 / width**2))
+    k_z = np.exp(cdist(z[step.centers], z, 'sqeuclidean') * (-0.5 / width**2))
     matrix = (k_eta @ k_eta.T) * (k_z @ k_z.T) / len(eta) ** 2
     h = np.mean(k_eta * k_z, axis=1)
     alpha = np.linalg.solve(matrix + regularization * np.eye(len(h)), h)

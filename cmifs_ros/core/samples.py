@@ -3,12 +3,35 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from .episode import Episode
 from .returns import discounted_returns
+
+
+@dataclass(frozen=True)
+class Samples:
+    """Everything observed, one row a step of an episode.
+
+    Attributes
+    ----------
+    returns : numpy.ndarray, shape (N,)
+    states : numpy.ndarray, shape (N, v)
+    owner, step : numpy.ndarray of int, shape (N,)
+        Episode and time step of each row; the rows of an episode follow each other.
+
+    """
+
+    returns: np.ndarray
+    states: np.ndarray
+    owner: np.ndarray
+    step: np.ndarray
+
+    def with_channels(self, columns: np.ndarray) -> Samples:
+        """Return the same samples with further channels (N, k) behind their own."""
+        return replace(self, states=np.hstack([self.states, columns]))
 
 
 @dataclass(frozen=True)
@@ -32,21 +55,8 @@ class StepSamples:
     centers: np.ndarray
 
 
-def step_samples(
-    episodes: Sequence[Episode],
-    *,
-    gamma: float,
-    standardize: bool,
-    max_time_bins: int | None,
-    num_folds: int,
-    num_centers: int | None,
-    random_state: int,
-) -> list[StepSamples]:
-    """Sort the samples of all episodes by time step.
-
-    Episodes may differ in length: a step holds the episodes that reach it. When the longest
-    episode has more steps than `max_time_bins`, neighbouring steps are pooled into that many
-    bins of equal width. Folds are drawn over episodes and balanced within each step.
+def collect_samples(episodes: Sequence[Episode], *, gamma: float, standardize: bool) -> Samples:
+    """Return the samples of all episodes.
 
     Parameters
     ----------
@@ -54,16 +64,8 @@ def step_samples(
     gamma : float
         Discount factor of the return.
     standardize : bool
-        Scale each channel and the return to mean 0 and standard deviation 1 over all samples.
-        A constant channel becomes 0.
-    max_time_bins : int, optional
-        Greatest number of bins; None keeps every step by itself.
-    num_folds : int
-        Folds; fewer where fewer episodes reach a step.
-    num_centers : int, optional
-        Greatest number of kernel centres in a step, drawn at random; None takes all samples.
-    random_state : int
-        Seed of the folds and the centres.
+        Scale each channel and the return to mean 0 and standard deviation 1 over all samples, a
+        constant channel to 0, after their far values are drawn in: see `winsorized`.
 
     Raises
     ------
@@ -71,34 +73,95 @@ def step_samples(
         If the rewards are so large that a return overflows.
 
     """
-    rng = np.random.default_rng(random_state)
-    priority = rng.permutation(len(episodes))
-
     lengths = [len(episode) for episode in episodes]
-    returns = np.concatenate([discounted_returns(e.rewards, gamma) for e in episodes])
+    if standardize:  # Before they are summed up: one wild reward is in many returns.
+        rewards = winsorized(np.concatenate([e.rewards for e in episodes]))
+        parts = np.split(rewards, np.cumsum(lengths)[:-1])
+    else:
+        parts = [episode.rewards for episode in episodes]
+    returns = np.concatenate([discounted_returns(part, gamma) for part in parts])
     if not np.isfinite(returns).all():
         largest = max(np.abs(episode.rewards).max() for episode in episodes)
         raise ValueError(f'a reward is {largest:g} in size; expected returns that do not overflow')
     states = np.concatenate([episode.states for episode in episodes])
+    if standardize:
+        returns, states = _standardized(winsorized(returns)), _standardized(winsorized(states))
     owner = np.repeat(np.arange(len(episodes)), lengths)
     step = np.concatenate([np.arange(length) for length in lengths])
-    if standardize:
-        returns, states = _standardized(returns), _standardized(states)
+    return Samples(returns, states, owner, step)
 
-    num_bins = min(max(lengths), max_time_bins or max(lengths))
-    bins = step * num_bins // max(lengths)
-    samples = []
+
+def split_by_step(
+    samples: Samples,
+    *,
+    max_time_bins: int | None,
+    num_folds: int,
+    num_centers: int | None,
+    random_state: int,
+    max_samples: int | None = None,
+) -> list[StepSamples]:
+    """Sort samples by time step.
+
+    Episodes may differ in length: a step holds the episodes that reach it. When the longest
+    episode has more steps than `max_time_bins`, neighbouring steps are pooled into that many
+    bins of equal width. Folds are drawn over episodes and balanced within each step.
+
+    Parameters
+    ----------
+    samples : Samples
+    max_time_bins : int, optional
+        Greatest number of bins; None keeps every step by itself.
+    num_folds : int
+        Folds; fewer where fewer episodes reach a step.
+    num_centers : int, optional
+        Greatest number of kernel centres in a step, drawn at random; None takes all samples.
+    random_state : int
+        Seed of the folds, the centres and the samples that are left out.
+    max_samples : int, optional
+        Greatest number of samples in a bin, drawn at random; None keeps all.
+
+    """
+    rng = np.random.default_rng(random_state)
+    num_episodes, num_steps = samples.owner[-1] + 1, samples.step.max() + 1
+    priority = rng.permutation(num_episodes)
+    num_bins = min(num_steps, max_time_bins or num_steps)
+    bins = samples.step * num_bins // num_steps
+    steps = []
     for b in range(num_bins):
         here = np.flatnonzero(bins == b)
-        present = np.unique(owner[here])
-        rank = np.empty(len(episodes), dtype=int)
+        if max_samples is not None and len(here) > max_samples:
+            here = np.sort(rng.choice(here, max_samples, replace=False))
+        owner = samples.owner[here]
+        present = np.unique(owner)
+        rank = np.empty(num_episodes, dtype=int)
         rank[present[np.argsort(priority[present])]] = np.arange(len(present))
-        folds = rank[owner[here]] * min(num_folds, len(present)) // len(present)
+        folds = rank[owner] * min(num_folds, len(present)) // len(present)
         centers = np.arange(len(here))
         if num_centers is not None and len(here) > num_centers:
             centers = np.sort(rng.choice(len(here), num_centers, replace=False))
-        samples.append(StepSamples(returns[here], states[here], folds, centers))
-    return samples
+        steps.append(StepSamples(samples.returns[here], samples.states[here], folds, centers))
+    return steps
+
+
+def step_samples(
+    episodes: Sequence[Episode], *, gamma: float, standardize: bool, **options
+) -> list[StepSamples]:
+    """Return `collect_samples` of the episodes, `split_by_step` with the options."""
+    return split_by_step(collect_samples(episodes, gamma=gamma, standardize=standardize), **options)
+
+
+def winsorized(values: np.ndarray) -> np.ndarray:
+    """Return values (N,) or (N, v) drawn to the fences of their channel.
+
+    The fences stand as far outside the 5 % and 95 % quantiles as these are from each other
+    (Tukey's, for the middle 90 %). A channel that is constant in between has none: what is rare
+    in it may be all that it tells.
+    """
+    low, high = np.quantile(values, [0.05, 0.95], axis=0)
+    # Halved, so that the largest floats do not overflow.
+    reach = np.where(low < high, high / 2 - low / 2, np.inf)
+    with np.errstate(over='ignore'):
+        return np.clip(values, low - 2 * reach, high + 2 * reach)
 
 
 def _standardized(values: np.ndarray) -> np.ndarray:

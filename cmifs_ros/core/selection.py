@@ -74,6 +74,16 @@ def select(
     samples = np.concatenate([np.column_stack([e.states, e.rewards]) for e in episodes])
     with np.errstate(over='ignore', invalid='ignore'):  # Huge values: their spread is inf.
         means, spreads = samples.mean(axis=0), samples.std(axis=0)
+    evidence = {}
+    if selector.findings_:
+        evidence = {
+            'statuses': tuple(selector.statuses_),
+            'pvalues': tuple(selector.pvalues_.tolist()),
+            'null_scores': tuple(f.evidence.null_scores for f in selector.findings_),
+            'spoke_by': tuple(
+                tuple(channel_names[c] for c in f.channels) for f in selector.findings_
+            ),
+        }
     return Selection(
         indices=tuple(selector.get_support(indices=True).tolist()),
         names=tuple(selector.get_feature_names_out()),
@@ -84,4 +94,5 @@ def select(
         seconds=time.perf_counter() - start,
         means=tuple(means.tolist()),
         spreads=tuple(spreads.tolist()),
+        **evidence,
     )

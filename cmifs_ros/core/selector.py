@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import inspect
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from concurrent.futures import Executor
+from typing import NamedTuple
 
 import numpy as np
 
 from .conditional_mi import ConditionalMI
-from .episode import Episode, as_episodes
+from .episode import Episode, as_episodes, unique_episodes
+from .evidence import ConditionalTest, Evidence
 from .kdr import KDR
 from .lsmi import Lsmi
-from .permutation import PermutationTest, num_beyond_shadows, permutation_test
+from .permutation import PermutationTest, permutation_test
+from .samples import Samples, collect_samples, split_by_step
 from .search import (
     DIRECTIONS,
     Criterion,
@@ -21,6 +24,39 @@ from .search import (
     channels,
     forward_selection,
 )
+from .stepwise import Finding, StepwiseSelection
+
+#: Statuses of a sensor.
+CONFIRMED, TENTATIVE, REJECTED = 'confirmed', 'tentative', 'rejected'
+#: Kernel widths of the default; the paper's grid is wider and finer, with the same results.
+_WIDTHS = tuple(np.logspace(-1, 1.5, 6))
+#: A bin holds no more samples: neighbouring steps of an episode tell nearly the same.
+_MAX_SAMPLES = 1000
+#: How much greater the score must be for steps to be pooled that could be told apart.
+_POOLING_FACTOR, _POOLING_MARGIN = 1.5, 0.02
+#: Sensors added for comparing time bins.
+_NUM_TRIED = 2
+#: p-value at which the return is taken to change with the age of the episode.
+_DRIFT_LEVEL = 0.01
+
+
+class Ranking(NamedTuple):
+    """Sensors in their order; the first `num_selected` are selected.
+
+    Attributes
+    ----------
+    sensors : list of int
+    scores : list of float
+    num_selected : int
+    findings : list of Finding
+        What speaks for each sensor; empty where the method tells nothing of that.
+
+    """
+
+    sensors: list[int]
+    scores: list[float]
+    num_selected: int
+    findings: list[Finding]
 
 
 class SensorSelector(ABC):
@@ -32,6 +68,7 @@ class SensorSelector(ABC):
         Indices of all sensors that were ranked, best first; without groups, of channels.
     scores_ : numpy.ndarray, same length
         The criterion of the first 1, 2, ... sensors of the ranking; no sensor at all scores 0.
+        That of a sensor that was not taken is with all that were.
     sensor_names_ : tuple of str
         Names of the sensors that `ranking_` counts.
     num_features_ : int
@@ -54,14 +91,10 @@ class SensorSelector(ABC):
         self.random_state = random_state
 
     @abstractmethod
-    def _make_criterion(self, episodes: list[Episode], names: tuple[str, ...]) -> Criterion:
-        """Return the criterion of these episodes; raise ValueError for a bad parameter."""
-
-    @abstractmethod
-    def _choose_number(
-        self, episodes: list[Episode], names: tuple[str, ...], ranked: list[Sensor]
-    ) -> int:
-        """Return how many of the ranked sensors to select when the caller does not say."""
+    def _rank(
+        self, episodes: list[Episode], names: tuple[str, ...], sensors: list[Sensor]
+    ) -> Ranking:
+        """Rank the sensors; raise ValueError for a bad parameter."""
 
     def fit(self, episodes, names: Sequence[str] | None = None) -> SensorSelector:
         """Rank the sensors and select the best.
@@ -90,23 +123,16 @@ class SensorSelector(ABC):
                 f'direction is {self.direction!r}; expected one of {", ".join(DIRECTIONS)}'
             )
 
-        criterion = self._make_criterion(episodes, names)
-        if self.direction == 'forward':
-            count = len(sensors) if self.num_features is None else self.num_features
-            ranking, scores = forward_selection(criterion, sensors, count)
-        else:
-            ranking, scores = backward_elimination(criterion, sensors)
-
+        ranking = self._rank(episodes, names, sensors)
         self.feature_names_in_ = names
         self.sensor_names_ = sensor_names
-        self.ranking_ = np.array(ranking)
-        self.scores_ = np.array(scores)
-        if self.num_features is None:
-            ranked = [sensors[i] for i in ranking]
-            self.num_features_ = self._choose_number(episodes, names, ranked)
-        else:
-            self.num_features_ = self.num_features
-        self._support = np.array(channels(sensors, ranking[: self.num_features_]), dtype=int)
+        self.ranking_ = np.array(ranking.sensors, dtype=int)
+        self.scores_ = np.array(ranking.scores)
+        self.num_features_ = ranking.num_selected
+        self.findings_ = ranking.findings
+        self._support = np.array(
+            channels(sensors, ranking.sensors[: ranking.num_selected]), dtype=int
+        )
         return self
 
     def get_support(self, indices: bool = False) -> np.ndarray:
@@ -141,6 +167,55 @@ class SensorSelector(ABC):
         self._check_fitted()
         return np.array([self.feature_names_in_[i] for i in self._support], dtype=object)
 
+    def fit_transform(self, episodes, names: Sequence[str] | None = None):
+        """Fit, and return the selected channels of each episode's states."""
+        episodes = as_episodes(episodes)
+        self.fit(episodes, names)
+        return [self.transform(episode.states) for episode in episodes]
+
+    def inverse_transform(self, selected: np.ndarray) -> np.ndarray:
+        """Return states (..., v) of selected channels (..., k), 0 where nothing was selected."""
+        self._check_fitted()
+        selected = np.asarray(selected)
+        if selected.ndim == 0 or selected.shape[-1] != len(self._support):
+            raise ValueError(
+                f'selected has shape {selected.shape}; expected '
+                f'{len(self._support)} channels along the last axis'
+            )
+        states = np.zeros((*selected.shape[:-1], len(self.feature_names_in_)))
+        states[..., self._support] = selected
+        return states
+
+    def get_params(self, deep: bool = True) -> dict:
+        """Return the parameters of the constructor by name, as scikit-learn wants them."""
+        return {name: getattr(self, name) for name in inspect.signature(type(self)).parameters}
+
+    def set_params(self, **params) -> SensorSelector:
+        """Set parameters of the constructor by name.
+
+        Raises
+        ------
+        ValueError
+            If there is no such parameter.
+
+        """
+        known = self.get_params()
+        for name, value in params.items():
+            if name not in known:
+                raise ValueError(f'there is no parameter {name!r}; expected {", ".join(known)}')
+            setattr(self, name, value)
+        return self
+
+    def __repr__(self) -> str:
+        """Return the call that makes it, without what is left at its default."""
+        signature = inspect.signature(type(self)).parameters
+        shown = (
+            f'{name}={value!r}'
+            for name, value in self.get_params().items()
+            if value is not signature[name].default and value != signature[name].default
+        )
+        return f'{type(self).__name__}({", ".join(shown)})'
+
     def _checked(self, episodes, names):
         """Return the episodes, the names of channels and of sensors, and the sensors."""
         episodes = as_episodes(episodes)
@@ -148,6 +223,13 @@ class SensorSelector(ABC):
             raise ValueError('there is 1 episode; expected at least 2 to compare')
         names = _checked_names(names, episodes[0].num_channels)
         return episodes, names, *_sensors(names, self.groups or {})
+
+    def _rank_by_score(self, criterion: Criterion, sensors: list[Sensor]) -> Ranking:
+        """Rank by the criterion alone; without a number all are selected."""
+        count = len(sensors) if self.num_features is None else self.num_features
+        if self.direction == 'forward':
+            return Ranking(*forward_selection(criterion, sensors, count), count, [])
+        return Ranking(*backward_elimination(criterion, sensors), count, [])
 
     def _check_fitted(self):
         if not hasattr(self, 'ranking_'):
@@ -157,46 +239,58 @@ class SensorSelector(ABC):
 class ConditionalMISelector(SensorSelector):
     """Select the sensors that the return depends on, also through several time steps.
 
-    Its attributes are those of `SensorSelector`.
+    The score proposes the next sensor, and a test disposes: is the score higher than with shadows
+    of that sensor, given those selected before? In the end each is tested given all the others.
+    Its further attributes are those of `SensorSelector`.
 
     Parameters
     ----------
     num_features : int, optional
-        How many sensors to select. None ranks all and takes the first ones, up to the first that
-        does no better than shadows: sensors that deliver what they delivered in other episodes.
-        `permutation.num_beyond_shadows` has the rule. Where the return depends on nothing, that
-        is none at all in 95 % of cases. It takes about as long as ranking them.
+        How many sensors to select. None takes those that are confirmed, which may be none.
     gamma : float
         Discount factor of the return, 0 < gamma <= 1.
     criterion : {'held_out', 'plug_in'}
-        See `Lsmi`.
+        See `Lsmi`. 'plug_in' ranks by the score alone, and selects all where no number is given.
     standardize : bool
-        Scale channels and returns over all samples.
+        Draw in far values and scale channels and returns over all samples.
     direction : {'forward', 'backward'}
-        Forward selection, or backward elimination (which always ranks every sensor).
+        Forward selection, or backward elimination, whose first sensors are then tested.
     groups : mapping of str to sequence of (str or int), optional
         Sensors that deliver several channels: name to channel names or indices. A channel in
-        no group is a sensor by itself. Sensors are added and removed whole.
-    max_time_bins : int, optional
+        no group is a sensor by itself. Sensors are selected whole; in forward selection the
+        channel of it that tells most speaks for it.
+    max_time_bins : int or 'auto', optional
         Longer episodes have neighbouring steps pooled into this many bins; None never pools.
+        'auto' decides by the score between 32 and a single one.
     tuning_window : int
         How many steps (or bins) on either side help a step to pick its kernel width and
         regularisation; see `ConditionalMI`.
     num_centers : int, optional
         Greatest number of kernel centres in a step; None takes all samples.
+    significance : float
+        Probability, 0 < significance < 1, that anything is confirmed where nothing matters.
     random_state : int
         Seed. The same seed and data give the same result bit for bit on one machine.
-    executor : concurrent.futures.Executor, optional
-        Shares the work among its processes: a `concurrent.futures.ProcessPoolExecutor`, or one of
-        another library. Each should keep the linear algebra library to one thread
-        (OPENBLAS_NUM_THREADS=1 in the environment). None computes in this thread.
+    n_jobs : int
+        Threads that share the work.
+
+    Attributes
+    ----------
+    pvalues_ : numpy.ndarray, shape (len(ranking_),)
+        Of the hypothesis that a sensor tells nothing beside those selected, corrected for the
+        number of candidates.
+    statuses_ : list of str
+        'confirmed', 'tentative' or 'rejected', for each sensor of the ranking.
+    findings_ : list of Finding
+        The evidence itself: scores of shadows, and the channels that spoke.
+    num_duplicates_ : int
+        Episodes that were there twice, states and rewards alike, and left out.
 
     Notes
     -----
-    What decides on the number compares with sensors that are independent of everything. One that
-    repeats what was selected before it differs from them, and may be kept; it ranks late, so
-    that a smaller `num_features` leaves it out. A sensor that tells something only together with
-    another is tested when the ranking has come to it, with those before it, not after it.
+    What is confirmed tells something about the return of the policy that collected the episodes.
+    What tells nothing under that policy may matter under another. Where the return drifts from
+    episode to episode, every sensor is judged given the episode's age.
 
     Hachiya & Sugiyama, Feature Selection for Reinforcement Learning: Evaluating Implicit
     State-Reward Dependency via Conditional Mutual Information, 2010.
@@ -212,11 +306,12 @@ class ConditionalMISelector(SensorSelector):
         standardize: bool = True,
         direction: str = 'forward',
         groups: Mapping[str, Sequence[str | int]] | None = None,
-        max_time_bins: int | None = 32,
+        max_time_bins: int | str | None = 'auto',
         tuning_window: int = 2,
-        num_centers: int | None = 200,
+        num_centers: int | None = 50,
+        significance: float = 0.05,
         random_state: int = 0,
-        executor: Executor | None = None,
+        n_jobs: int = 1,
     ):
         super().__init__(num_features, direction, groups, random_state)
         self.gamma = gamma
@@ -225,7 +320,8 @@ class ConditionalMISelector(SensorSelector):
         self.max_time_bins = max_time_bins
         self.tuning_window = tuning_window
         self.num_centers = num_centers
-        self.executor = executor
+        self.significance = significance
+        self.n_jobs = n_jobs
 
     @classmethod
     def paper(cls, num_features: int | None = None, **options) -> ConditionalMISelector:
@@ -238,6 +334,21 @@ class ConditionalMISelector(SensorSelector):
             'num_centers': None,
         }
         return cls(num_features, **(paper | options))
+
+    @property
+    def pvalues_(self) -> np.ndarray:
+        """Corrected p-values; see the class."""
+        return np.array([finding.evidence.pvalue for finding in self.findings_])
+
+    @property
+    def statuses_(self) -> list[str]:
+        """Status of each sensor; see the class."""
+        return [
+            CONFIRMED
+            if finding.evidence.pvalue <= self.significance
+            else (REJECTED if finding.evidence.pvalue >= 1 else TENTATIVE)
+            for finding in self.findings_
+        ]
 
     def permutation_test(
         self, episodes, names: Sequence[str] | None = None, *, n_permutations: int = 99
@@ -272,34 +383,130 @@ class ConditionalMISelector(SensorSelector):
         episodes, names, _, sensors = self._checked(episodes, names)
         if n_permutations < 1:
             raise ValueError(f'n_permutations is {n_permutations}; expected at least 1')
+        self._check_parameters()
+        bins = 32 if self.max_time_bins == 'auto' else self.max_time_bins
         return permutation_test(
-            lambda data: self._make_criterion(data, names),
+            lambda data: self._criterion(self._samples(data), bins),
             episodes,
             sensors,
             n_permutations,
             self.random_state,
         )
 
-    def _make_criterion(self, episodes: list[Episode], names: tuple[str, ...]) -> ConditionalMI:
-        if self.max_time_bins is not None and self.max_time_bins < 1:
-            raise ValueError(f'max_time_bins is {self.max_time_bins}; expected at least 1, or None')
+    def _rank(self, episodes, names, sensors):
+        self._check_parameters()
+        num_episodes = len(episodes)
+        episodes = unique_episodes(episodes)
+        self.num_duplicates_ = num_episodes - len(episodes)
+        if len(episodes) < 2:
+            raise ValueError(
+                f'all {num_episodes} episodes are alike; expected at least 2 to compare'
+            )
+        samples = self._samples(episodes)
+        if self.criterion == 'plug_in':
+            return self._rank_by_score(self._criterion(samples, self._fixed_bins()), sensors)
+        varying = np.ptp(samples.states, axis=0) > 0
+        live = [i for i, sensor in enumerate(sensors) if varying[list(sensor)].any()]
+        living = [tuple(c for c in sensors[i] if varying[c]) for i in live]
+        bins = self._choose_bins(samples, living)
+        if self.direction == 'backward':
+            chosen = self._backward(samples, bins, living)
+        age = samples.owner / (samples.owner[-1] + 1)
+        samples = samples.with_channels((age - age.mean())[:, None] / max(age.std(), 1e-9))
+        test = ConditionalTest(samples, lambda s: self._criterion(s, bins), self.random_state)
+        last = samples.states.shape[1] - 1
+        drifts = test((last,), ()).pvalue <= _DRIFT_LEVEL
+        search = StepwiseSelection(
+            self._criterion(samples, bins),
+            test,
+            living,
+            significance=self.significance,
+            background=[last] if drifts else [],
+        )
+        found = search.confirmed() if self.direction == 'forward' else search.tested(chosen)
+        if self.num_features is None:
+            others = search.listed(found)
+            num_selected = len(found)
+        else:
+            found = found[: self.num_features]
+            others = search.ranked(found, self.num_features - len(found))
+            num_selected = self.num_features
+        criterion = self._criterion(samples, bins)
+        taken = [f.channels for f in found]
+        scores = [*self._path(criterion, taken), *(f.evidence.score for f in others)]
+        findings = [f._replace(sensor=live[f.sensor]) for f in (*found, *others)]
+        dead = [i for i in range(len(sensors)) if i not in live]
+        score = scores[len(found) - 1] if found else 0.0
+        nothing = Evidence(score, (score, score, score), 1.0)
+        if self.num_features is None:
+            findings += [Finding(i, sensors[i], nothing) for i in dead]
+            scores += [score] * len(dead)
+        elif len(findings) < num_selected:
+            raise ValueError(
+                f'num_features is {num_selected}, but only {len(findings)} sensors ever change: '
+                f'constant are {", ".join(names[sensors[i][0]] for i in dead)}'
+            )
+        return Ranking([f.sensor for f in findings], scores, num_selected, findings)
+
+    def _backward(self, samples, bins, sensors):
+        """Return what backward elimination leaves where the score is greatest."""
+        ranking, scores = backward_elimination(self._criterion(samples, bins), sensors)
+        return ranking[: int(np.argmax(scores)) + 1]
+
+    def _choose_bins(self, samples, sensors):
+        """Return the number of time bins by which the score is greater."""
+        if self.max_time_bins != 'auto':
+            return self.max_time_bins
+        units = [(channel,) for sensor in sensors for channel in sensor]
+        tried = min(_NUM_TRIED, len(units))
+        best = {
+            bins: max(forward_selection(self._criterion(samples, bins), units, tried)[1], default=0)
+            for bins in (1, 32)
+        }
+        pools = best[1] > _POOLING_FACTOR * max(best[32], 0.0) + _POOLING_MARGIN
+        return 1 if pools else 32
+
+    def _fixed_bins(self):
+        return 32 if self.max_time_bins == 'auto' else self.max_time_bins
+
+    def _path(self, criterion, taken):
+        return [
+            float(criterion([[c for unit in taken[: i + 1] for c in unit]])[0])
+            for i in range(len(taken))
+        ]
+
+    def _check_parameters(self):
+        bins = self.max_time_bins
+        if bins is not None and bins != 'auto' and (isinstance(bins, str) or bins < 1):
+            raise ValueError(
+                f"max_time_bins is {bins!r}; expected at least 1, None for no bins, or 'auto'"
+            )
         if self.tuning_window < 0:
             raise ValueError(f'tuning_window is {self.tuning_window}; expected at least 0')
-        return ConditionalMI(
-            episodes,
-            Lsmi(criterion=self.criterion, num_centers=self.num_centers),
-            gamma=self.gamma,
-            standardize=self.standardize,
-            max_time_bins=self.max_time_bins,
-            tuning_window=self.tuning_window,
-            random_state=self.random_state,
-            executor=self.executor,
-        )
+        if not 0 < self.significance < 1:
+            raise ValueError(f'significance is {self.significance}; expected 0 < significance < 1')
+        if self.n_jobs < 1:
+            raise ValueError(f'n_jobs is {self.n_jobs}; expected at least 1')
 
-    def _choose_number(self, episodes, names, ranked):
-        return num_beyond_shadows(
-            lambda data: self._make_criterion(data, names), episodes, ranked, self.random_state
+    def _samples(self, episodes) -> Samples:
+        return collect_samples(episodes, gamma=self.gamma, standardize=self.standardize)
+
+    def _criterion(self, samples: Samples, bins: int | None) -> ConditionalMI:
+        is_default = self.criterion == 'held_out'
+        estimator = Lsmi(
+            criterion=self.criterion,
+            num_centers=self.num_centers,
+            **({'widths': _WIDTHS} if is_default else {}),
         )
+        steps = split_by_step(
+            samples,
+            max_time_bins=bins,
+            num_folds=estimator.num_folds,
+            num_centers=self.num_centers,
+            random_state=self.random_state,
+            max_samples=_MAX_SAMPLES if is_default else None,
+        )
+        return ConditionalMI(steps, estimator, tuning_window=self.tuning_window, n_jobs=self.n_jobs)
 
 
 class KDRSelector(SensorSelector):
@@ -335,15 +542,13 @@ class KDRSelector(SensorSelector):
         super().__init__(num_features, direction, groups, random_state)
         self.target = target
 
-    def _make_criterion(self, episodes: list[Episode], names: tuple[str, ...]) -> KDR:
+    def _rank(self, episodes, names, sensors):
         target = [self.target] if isinstance(self.target, str | int) else self.target
         if len(target) == 0:
             raise ValueError(f'target is {self.target!r}; expected at least one channel')
         indices = [_channel_index(names, channel, 'target') for channel in target]
-        return KDR(episodes, indices, random_state=self.random_state)
-
-    def _choose_number(self, episodes, names, ranked):
-        return len(ranked)
+        criterion = KDR(episodes, indices, random_state=self.random_state)
+        return self._rank_by_score(criterion, sensors)
 
 
 def _checked_names(names: Sequence[str] | None, num_channels: int) -> tuple[str, ...]:

@@ -13,9 +13,11 @@ import sys
 import joblib
 import numpy as np
 
+from cmifs_ros.core import ConditionalMI, Lsmi
+from cmifs_ros.core.samples import step_samples
 from cmifs_ros.tools.arguments import names_among, number_from, numbers_from
 from cmifs_ros.tools.program import exit_code
-from studies.methods import default_criterion, mean_and_error
+from studies.methods import mean_and_error
 from studies.tables import markdown_table
 from studies.tasks import TASKS, what_is_missing
 
@@ -25,7 +27,17 @@ from .rank_sums import USUAL_TASKS
 def ranked_higher(task: str, num_episodes: int, seed: int) -> list[int]:
     """Return how many irrelevant channels score higher than each relevant one."""
     episodes = TASKS[task].rollout(num_episodes, seed)
-    criterion = default_criterion(episodes, seed)
+    estimator = Lsmi()
+    steps = step_samples(
+        episodes,
+        gamma=0.95,
+        standardize=True,
+        max_time_bins=32,
+        num_folds=estimator.num_folds,
+        num_centers=estimator.num_centers,
+        random_state=seed,
+    )
+    criterion = ConditionalMI(steps, estimator, tuning_window=2)
     relevant = TASKS[task].relevant
     irrelevant = [c for c in range(episodes[0].num_channels) if c not in relevant]
     found = []

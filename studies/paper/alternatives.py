@@ -13,6 +13,7 @@ from scipy.spatial.distance import cdist
 
 from cmifs_ros.core import ConditionalMI, Episode, Lsmi
 from cmifs_ros.core.kdr import REGULARIZATION, centred_gram, median_distance
+from cmifs_ros.core.samples import step_samples
 from cmifs_ros.core.search import Criterion, forward_selection
 from cmifs_ros.sim import GridWorld
 
@@ -45,16 +46,16 @@ class Estimate:
 
     def criterion(self, episodes: Sequence[Episode], target: Sequence[int], seed: int) -> Criterion:
         """Return the criterion of these episodes."""
-        return ConditionalMI(
+        steps = step_samples(
             episodes,
-            self.estimator,
             gamma=0.95,
             standardize=self.standardize,
             max_time_bins=None,
-            tuning_window=0,
+            num_folds=self.estimator.num_folds,
+            num_centers=self.estimator.num_centers,
             random_state=seed,
-            executor=None,
         )
+        return ConditionalMI(steps, self.estimator, tuning_window=0)
 
 
 @dataclass(frozen=True)

@@ -9,13 +9,10 @@ from __future__ import annotations
 
 import argparse
 import json
-import multiprocessing
 import os
 import subprocess
 import sys
 import time
-from concurrent.futures import ProcessPoolExecutor
-from contextlib import nullcontext
 from pathlib import Path
 from typing import NamedTuple
 
@@ -107,27 +104,21 @@ def measure_here(job: Job) -> Measurement:
         job.scenario, job.episodes, job.seed, num_steps=job.steps, num_channels=job.channels
     )
 
-    context = multiprocessing.get_context('spawn')
-    pool = ProcessPoolExecutor(job.cores, context) if job.cores > 1 else nullcontext()
-    with pool as executor:
+    def run(num_features):
+        return rank(
+            job.method,
+            episodes,
+            target=TASKS[job.scenario].target,
+            seed=job.seed,
+            num_features=num_features,
+            n_jobs=job.cores,
+        )
 
-        def run(num_features):
-            return rank(
-                job.method,
-                episodes,
-                target=TASKS[job.scenario].target,
-                seed=job.seed,
-                num_features=num_features,
-                executor=executor,
-                num_threads=job.cores,
-            )
-
-        run(1)
-        start = time.perf_counter()
-        ranking = run(job.top)
-        seconds = time.perf_counter() - start
-        pids = [os.getpid(), *(child.pid for child in multiprocessing.active_children())]
-        return Measurement(seconds, sum(map(peak_bytes, pids)), *ranking)
+    run(1)
+    start = time.perf_counter()
+    ranking = run(job.top)
+    seconds = time.perf_counter() - start
+    return Measurement(seconds, peak_bytes(os.getpid()), *ranking)
 
 
 def peak_bytes(pid: int) -> int:

@@ -1,6 +1,3 @@
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
-
 import numpy as np
 import pytest
 from oracles import direct_lsmi
@@ -18,11 +15,11 @@ def random_episodes(lengths, channels=2, seed=0):
     return [Episode(rng.normal(size=(n, channels)), rng.normal(size=n)) for n in lengths]
 
 
-def score(episodes, subsets, estimator=None, executor=None, **changes):
+def score(episodes, subsets, estimator=None, n_jobs=1, tuning_window=2, **changes):
     estimator = estimator or Lsmi(widths=WIDTHS, regularizations=LAMBDAS)
-    return ConditionalMI(
-        episodes, estimator, **(SAMPLING | {'tuning_window': 2} | changes), executor=executor
-    )(subsets)
+    folds = {'num_folds': estimator.num_folds, 'num_centers': estimator.num_centers}
+    steps = step_samples(episodes, **(SAMPLING | folds | changes))
+    return ConditionalMI(steps, estimator, tuning_window=tuning_window, n_jobs=n_jobs)(subsets)
 
 
 @pytest.mark.parametrize('lengths', [(3,) * 12, (1, 2, 2, 3, 3, 3, 3, 3, 3, 4, 4, 5)])
@@ -44,7 +41,7 @@ def test_it_is_the_mean_over_steps_weighted_by_the_episodes_that_reach_them(leng
                 regularizations=LAMBDAS,
             )
             expected += len(step.returns) / sum(lengths) * (-2 * objective - 1)
-    assert score(episodes, [(1,)], tuning_window=0) == pytest.approx([expected], abs=1e-10)
+    assert score(episodes, [(1,)], tuning_window=0) == pytest.approx([expected], abs=1e-8)
 
 
 def test_samples_hold_the_returns_and_states_of_their_step():
@@ -90,11 +87,10 @@ def test_long_episodes_are_pooled_into_bins_without_splitting_an_episode_over_fo
         assert set(b.folds) == {0, 1, 2}
 
 
-def test_processes_and_repetition_do_not_change_a_bit():
+def test_threads_and_repetition_do_not_change_a_bit():
     episodes = random_episodes((4,) * 15)
     one = score(episodes, [(0,), (0, 1)])
-    with ProcessPoolExecutor(2, get_context('spawn')) as pool:
-        np.testing.assert_array_equal(score(episodes, [(0,), (0, 1)], executor=pool), one)
+    np.testing.assert_array_equal(score(episodes, [(0,), (0, 1)], n_jobs=2), one)
     np.testing.assert_array_equal(score(episodes, [(0,), (0, 1)]), one)
 
 

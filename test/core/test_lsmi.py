@@ -5,7 +5,6 @@ from hypothesis import strategies as st
 from oracles import direct_lsmi
 
 from cmifs_ros.core import Lsmi
-from cmifs_ros.core.held_out import TOLERANCE
 from cmifs_ros.core.samples import StepSamples
 
 WIDTHS = (0.1, 0.5, 2.0)
@@ -55,9 +54,9 @@ def test_estimates_equal_the_double_sums(seed, size, channels, discrete, every_s
 
     step = samples(returns, z, folds, centers)
     (held_out,) = estimator('held_out').estimate(step, [every(z)])
-    assert held_out == pytest.approx(-2 * objective - 1, abs=1e-10)
+    assert held_out == pytest.approx(-2 * objective - 1, abs=1e-8)
     (fitted,) = estimator('plug_in').estimate(step, [every(z)])
-    assert fitted == pytest.approx(plug_in, abs=1e-10)
+    assert fitted == pytest.approx(plug_in, abs=1e-8)
 
 
 def test_candidates_estimated_together_equal_those_estimated_alone():
@@ -67,35 +66,6 @@ def test_candidates_estimated_together_equal_those_estimated_alone():
     together = Lsmi().estimate(step, subsets)
     alone = [Lsmi().estimate(step, [subset])[0] for subset in subsets]
     np.testing.assert_allclose(together, alone, rtol=0, atol=1e-12)
-
-
-def datasets():
-    """Yield named (returns, features): discrete and continuous, tied, constant, few and many."""
-    for seed, size in enumerate((6, 11, 30, 80, 150)):
-        rng = np.random.default_rng(seed)
-        z = rng.normal(size=(size, 3))
-        noise = rng.normal(size=size)
-        yield f'continuous {size}', z[:, 0] * z[:, 1] + 0.1 * noise, z
-        yield f'discrete {size}', np.floor(2 * z[:, 0] + noise), np.floor(2 * z)
-        yield f'constant channel {size}', z[:, 0] + noise, z * [1, 0, 1]
-        yield f'all ties {size}', np.ones(size), np.ones((size, 3))
-        yield f'heavy tails {size}', z[:, 0] ** 5, z**3
-        yield f'raw units {size}', 100 * z[:, 0], 1000 * z
-
-
-@pytest.mark.parametrize(
-    ('returns', 'z'), [d[1:] for d in datasets()], ids=[d[0] for d in datasets()]
-)
-def test_the_screening_is_far_closer_than_its_tolerance(returns, z):
-    step = samples(returns, z)
-    subsets = [(0,), (0, 1), (0, 1, 2)]
-    lsmi = Lsmi()
-    screened = lsmi.objective(step, subsets, None)
-    everywhere = np.ones(screened.shape[:2], dtype=bool)
-    exact = lsmi.objective(step, subsets, everywhere)
-    near = exact <= exact.min(axis=(1, 2), keepdims=True) + 0.01
-    np.testing.assert_allclose(screened[near], exact[near], rtol=0, atol=TOLERANCE / 2)
-    assert np.all(screened[~near] > exact.min() + 0.01 - TOLERANCE)
 
 
 @pytest.mark.parametrize('criterion', ['held_out', 'plug_in'])
