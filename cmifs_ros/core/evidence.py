@@ -20,8 +20,8 @@ from .shadows import local_shadows, whole_shadows
 #: Shadows of each kind, and local ones after which a hopeless test ends.
 _NUM_SHADOWS = 15
 _NUM_FIRST = 3
-#: Spreads below this are of rounding.
-_ROUNDING = 1e-6
+#: Least spread: differences of a score that are no greater tell nothing worth a sensor.
+_LEAST_SPREAD = 2e-3
 
 
 class Evidence(NamedTuple):
@@ -101,10 +101,10 @@ class ConditionalTest:
 
 
 def _evidence(score: float, null: np.ndarray, spread: float) -> Evidence:
-    """Return the evidence by Student's t: mean and spread are estimates too."""
+    """Return the evidence by a Gumbel law: the scores of what tells nothing lean to the right."""
     mean = float(np.mean(null))
-    spread = float(max(spread, np.std(null), _ROUNDING)) * np.sqrt(1 + 1 / len(null))
-    degrees = max(2, _NUM_SHADOWS - 1)
-    pvalue = float(stats.t.sf((score - mean) / spread, degrees))
-    reach = spread * stats.t.ppf(0.95, degrees)
-    return Evidence(float(score), (mean - reach, mean, mean + reach), pvalue)
+    spread = float(max(spread, np.std(null), _LEAST_SPREAD)) * np.sqrt(1 + 1 / len(null))
+    scale = spread / stats.gumbel_r.std()
+    law = stats.gumbel_r(mean - stats.gumbel_r.mean() * scale, scale)
+    null_scores = tuple(float(law.ppf(q)) for q in (0.05, 0.5, 0.95))
+    return Evidence(float(score), null_scores, float(law.sf(score)))

@@ -33,7 +33,7 @@ _WIDTHS = tuple(np.logspace(-1, 1.5, 6))
 #: A bin holds no more samples: neighbouring steps of an episode tell nearly the same.
 _MAX_SAMPLES = 1000
 #: How much greater the score must be for steps to be pooled that could be told apart.
-_POOLING_FACTOR, _POOLING_MARGIN = 1.5, 0.02
+_POOLING_FACTOR, _POOLING_MARGIN = 1.5, 0.1
 #: Sensors added for comparing time bins.
 _NUM_TRIED = 2
 #: p-value at which the return is taken to change with the age of the episode.
