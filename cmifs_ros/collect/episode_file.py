@@ -37,7 +37,7 @@ import numpy as np
 from cmifs_ros.core import Episode
 from cmifs_ros.core.selection import Selection
 
-from .transitions import MAX_CHANNELS, MAX_NAME_LENGTH
+from .state_reader import MAX_CHANNELS, MAX_NAME_LENGTH
 
 VERSION = 2
 _MAGIC = b'cmifs_ros episodes '
