@@ -121,7 +121,7 @@ class InputWatch:
             return Assessment(
                 'WARN',
                 'stamps',
-                f'no state has the stamp of its reward: the nearest is {distance / 1e6:g} ms away; '
+                f'no state has the stamp of its reward: the nearest is {_duration(distance)} away; '
                 'stamp both alike, or set stamp_tolerance to more than that',
             )
         recent = counts - self._counts[0][1]
@@ -187,6 +187,10 @@ class InputWatch:
                 'played in a loop, or a simulation started again with the same seed?'
             )
         return lines
+
+
+def _duration(nanoseconds: int) -> str:
+    return f'{nanoseconds} ns' if nanoseconds < 1000 else f'{nanoseconds / 1e6:g} ms'
 
 
 def _problem_of_state(topics: Mapping[str, Topic]) -> Assessment | None:

@@ -136,7 +136,7 @@ class SelectorInput:
         try:
             names, values = self._field_reader.read(msg)
         except ValueError as error:
-            self.assembler.drop_message('malformed_state', f'in a state, {error}')
+            self.assembler.drop_message('unusable_state', f'in a state, {error}')
             return
         self._on_state(msg.header, names, values)
         if self.assembler.reader.foreign and self._settings['restart_on_new_channels']:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from math import inf
 
 from diagnostic_msgs.msg import DiagnosticStatus
 
@@ -56,7 +57,7 @@ def selection(
         'worker pid': queue.worker_pid or 'none',
         'computing for s': f'{queue.running_for:.1f}',
         'progress': f'{queue.progress:.0%}',
-        'parameters': json.dumps(settings),
+        'parameters': json.dumps({k: str(v) if v == inf else v for k, v in settings.items()}),
     }
     if found is not None:
         values |= {
