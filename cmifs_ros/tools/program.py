@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib
-import multiprocessing
 import os
 import signal
 import sys
@@ -40,10 +39,8 @@ def exit_code(program: str, run: Callable[[], None], what_then: str = 'nothing i
 
     def interrupt(number, _):
         signals.append(number)
-        # A process that is still being imported would complain of what it no longer reaches.
-        for child in multiprocessing.active_children():
-            child.kill()
-        raise KeyboardInterrupt
+        if len(signals) == 1:  # A second one would interrupt the cleaning up.
+            raise KeyboardInterrupt
 
     _on_signals(interrupt)
     try:

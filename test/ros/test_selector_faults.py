@@ -17,7 +17,7 @@ from cmifs_ros.collect.transitions import RewardSample
 from cmifs_ros.core import Episode
 from cmifs_ros.ros import conversions
 from cmifs_ros.sim import channel_names, rollout
-from studies.soak.soak import random_reward, random_state
+from studies.soak.messages import random_reward, random_state
 
 NAMES = ('a', 'b', 'c')
 INPUT, SELECTION = 'selector: input', 'selector: selection'
