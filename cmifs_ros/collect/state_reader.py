@@ -12,6 +12,8 @@ import numpy as np
 #: Greatest number of channels, and of characters of a name.
 MAX_CHANNELS = 4096
 MAX_NAME_LENGTH = 256
+#: States whose values are looked at together: one by one would take as long as all else.
+_UNSEEN = 64
 
 
 class StateReader:
@@ -66,6 +68,7 @@ class StateReader:
         self._last: array | None = None
         self._held: Counter[int] = Counter()
         self._bounds: tuple[np.ndarray, np.ndarray] | None = None
+        self._unseen: list[Sequence[float]] = []  # states that the bounds do not yet take in
 
     def read(self, names: list[str], values: array) -> array | None:
         """Return the values in the order of the channels, or None if they cannot be used."""
@@ -85,7 +88,9 @@ class StateReader:
                 return None
         else:
             self._held.clear()
-            self._widen_bounds(values)
+            self._unseen.append(values)
+            if len(self._unseen) >= _UNSEEN:
+                self._widen_bounds()
         if self.channel_names is None:
             self.channel_names = tuple(names)
         self._last = values
@@ -99,6 +104,7 @@ class StateReader:
             if problem:
                 self._drop('wrong_channels', f'a state has {problem}')
                 return False
+            self.clear()  # What was seen so far had other channels, and was of no use.
         elif tuple(names) != self.channel_names:
             if len(names) != len(self.channel_names) or set(names) != set(self.channel_names):
                 odd = sorted(set(names) ^ set(self.channel_names)) or ['a repeated name']
@@ -119,8 +125,8 @@ class StateReader:
         names = self.channel_names or names
         finite = np.array(values)
         finite[~np.isfinite(finite)] = np.nan
-        self._widen_bounds(finite)
-        least, greatest = self._bounds
+        self._unseen.append(finite)
+        least, greatest = self._widen_bounds()
         mended, gaps = array('d', values), []
         for channel, value in enumerate(values):
             if value == inf:
@@ -144,12 +150,15 @@ class StateReader:
             mended[channel] = self._last[channel]
         return mended
 
-    def _widen_bounds(self, values) -> None:
-        if self._bounds is None:
-            self._bounds = np.array(values), np.array(values)
-        least, greatest = self._bounds
-        np.fmin(least, values, out=least)
-        np.fmax(greatest, values, out=greatest)
+    def _widen_bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return the least and greatest finite value of each channel; nan where there is none."""
+        states = np.array(self._unseen)
+        self._unseen = []
+        least, greatest = np.fmin.reduce(states), np.fmax.reduce(states)
+        if self._bounds is not None:
+            least, greatest = np.fmin(least, self._bounds[0]), np.fmax(greatest, self._bounds[1])
+        self._bounds = least, greatest
+        return self._bounds
 
 
 def problem_of_names(names: Sequence[str]) -> str:

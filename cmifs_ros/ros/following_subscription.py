@@ -11,7 +11,7 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 #: Seconds between looks at the publishers.
-_LOOK_PERIOD = 0.2
+_LOOK_PERIOD = 0.5
 
 
 class FollowingSubscription:

@@ -46,6 +46,12 @@ def test_each_beam_may_begin_out_of_range(reader):
     assert read(reader, 3, inf) == [3, 4]
 
 
+def test_unusable_states_of_other_channels_before_the_first_leave_nothing_behind(reader):
+    assert reader.read(['a', 'b', 'c'], array('d', [nan, 1, 2])) is None
+    assert read(reader, inf, 4) is None
+    assert read(reader, 3, inf) == [3, 4]
+
+
 def test_a_gap_is_named_with_its_share_and_bridged_as_long_as_allowed(reader, drops):
     for step in range(3):
         assert read(reader, step, step) == [step, step]
