@@ -57,7 +57,7 @@ test: lint build .venv-oldest/ready
 	PYTHONPATH= .venv-oldest/bin/python -m pytest -q test/core test/sim test/collect
 
 soak: build
-	@$(ENTER) && exec python -m studies.soak.soak $(SOAK)
+	@$(ENTER) && exec python -m studies.soak $(SOAK)
 
 paper: build
 	@$(ENTER) && exec python -m studies.paper.reproduce $(PAPER)

@@ -1,0 +1,57 @@
+"""Inject faults and load into a running selector; print what was lost, as a Markdown table."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import tempfile
+from pathlib import Path
+
+from cmifs_ros.tools.program import StudyError, exit_code
+
+from .faults import Faults
+from .loads import Loads
+from .processes import SoakError
+
+
+class Soak(Loads, Faults):
+    """All that is done to a selector."""
+
+
+PARTS = tuple(
+    name
+    for kind in (Loads, Faults)
+    for name, value in vars(kind).items()
+    if callable(value) and name[0] != '_'
+)
+
+
+def run(options: argparse.Namespace) -> None:
+    """Do the parts asked for and print the table."""
+    print('| injected | how often | lost or measured |\n|---|---|---|', flush=True)
+    with tempfile.TemporaryDirectory(prefix='cmifs_soak_') as folder:
+        soak = Soak(Path(folder), options.scale)
+        try:
+            for part in options.parts or PARTS:
+                for row in getattr(soak, part)():
+                    print(f'| {" | ".join(row)} |', flush=True)
+        except SoakError as error:
+            raise StudyError(str(error)) from error
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the soak; return the exit code."""
+    parser = argparse.ArgumentParser(prog='soak', description=__doc__)
+    parser.add_argument('parts', nargs='*', metavar='PART', help=f'of {", ".join(PARTS)}; or all')
+    parser.add_argument('--scale', type=float, default=1.0, help='1: the full run; less is shorter')
+    options = parser.parse_args(arguments)
+    if unknown := set(options.parts) - set(PARTS):
+        parser.error(f'{", ".join(sorted(unknown))}; expected some of {", ".join(PARTS)}')
+    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    os.environ.setdefault('ROS_DOMAIN_ID', str(1 + os.getpid() % 100))
+    return exit_code('soak', lambda: run(options), 'its nodes are ended')
+
+
+if __name__ == '__main__':
+    sys.exit(main())

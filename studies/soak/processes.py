@@ -1,0 +1,72 @@
+"""Nodes in processes of their own, and what they use of the machine."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+from cmifs_ros.tools.demo import executable
+
+
+class SoakError(RuntimeError):
+    """A promise was not kept; the message says which."""
+
+
+class Process:
+    """A node in a process of its own; leaving the context ends it."""
+
+    def __init__(self, folder: Path, *command: str, namespace: str = '/', **parameters):
+        settings = [w for k, v in parameters.items() for w in ('-p', f'{k}:={json.dumps(v)}')]
+        settings += ['-r', f'__ns:={namespace}']
+        self.log = folder / f'{len(list(folder.iterdir()))}.log'
+        with self.log.open('w') as output:
+            self._process = subprocess.Popen(
+                [*command, '--ros-args', *settings], stdout=output, stderr=subprocess.STDOUT
+            )
+        self.pid = self._process.pid
+
+    @classmethod
+    def selector(cls, folder: Path, **parameters) -> Process:
+        """Start the selector as a user would."""
+        return cls(folder, executable('selector_node'), **parameters)
+
+    @classmethod
+    def bare(cls, folder: Path, node: str, executor: str = 'chosen', **parameters) -> Process:
+        """Start one of `bare_nodes`."""
+        command = (sys.executable, '-m', 'studies.soak.bare_nodes', node, executor)
+        return cls(folder, *command, **parameters)
+
+    def cpu_seconds(self) -> float:
+        """Return the processor time used so far, without that of the worker."""
+        fields = Path(f'/proc/{self.pid}/stat').read_text().rsplit(')', 1)[1].split()
+        return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
+
+    def resident_bytes(self) -> int:
+        """Return the memory in use."""
+        pages = int(Path(f'/proc/{self.pid}/statm').read_text().split()[1])
+        return pages * os.sysconf('SC_PAGE_SIZE')
+
+    def kill(self) -> None:
+        """Kill it as nothing can be prepared for."""
+        self._process.kill()
+        self._process.wait()
+
+    def __enter__(self) -> Process:
+        """Return itself."""
+        return self
+
+    def __exit__(self, kind, *_) -> None:
+        """End it; a traceback in its output is a broken promise."""
+        if self._process.poll() is None:
+            self._process.terminate()
+            try:
+                self._process.wait(2)
+            except subprocess.TimeoutExpired:
+                self.kill()
+                if kind is None:
+                    raise SoakError(f'not ended within 2 s:\n{self.log.read_text()}') from None
+        if kind is None and 'Traceback' in self.log.read_text():
+            raise SoakError(self.log.read_text())
