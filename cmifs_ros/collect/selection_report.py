@@ -20,17 +20,20 @@ def reply_of(selection: Selection) -> dict:
 
 
 def is_tentative(selection: Selection) -> bool:
-    """Tell whether something is selected and nothing of it confirmed."""
-    return bool(selection.indices and selection.statuses and 'confirmed' not in selection.statuses)
+    """Tell whether nothing is confirmed so far, though something may be yet."""
+    return not selection.indices and 'tentative' in selection.statuses
 
 
 def headline(selection: Selection) -> str:
     """Return the result in a few words."""
+    if is_tentative(selection):
+        pvalue, best = min(zip(selection.pvalues, selection.ranking, strict=True))
+        return (
+            f'nothing confirmed yet; {selection.episodes} episodes, '
+            f'best so far {listed([best])}, p = {pvalue:.2g}'
+        )
     if not selection.indices:
         return NOTHING_SELECTED
-    if is_tentative(selection):
-        best = f'{selection.episodes} episodes, best so far {listed(selection.ranking[:1])}'
-        return best + (f', p = {selection.pvalues[0]:.2g}' if selection.pvalues else '')
     return f'selected {listed(selection.names)}'
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -96,7 +96,13 @@ class SensorSelector(ABC):
     ) -> Ranking:
         """Rank the sensors; raise ValueError for a bad parameter."""
 
-    def fit(self, episodes, names: Sequence[str] | None = None) -> SensorSelector:
+    def fit(
+        self,
+        episodes,
+        names: Sequence[str] | None = None,
+        *,
+        progress: Callable[[float], None] = lambda fraction: None,
+    ) -> SensorSelector:
         """Rank the sensors and select the best.
 
         Parameters
@@ -105,6 +111,9 @@ class SensorSelector(ABC):
             At least 2 episodes.
         names : sequence of str, optional
             One name for each channel; x0, x1, ... by default.
+        progress : callable
+            Told, as sensors are found, a fraction that grows towards 1: how many there will be
+            is not known.
 
         Raises
         ------
@@ -112,6 +121,7 @@ class SensorSelector(ABC):
             If a parameter or the data are not as described; the message names the value.
 
         """
+        self._progress = progress
         episodes, names, sensor_names, sensors = self._checked(episodes, names)
         if self.num_features is not None and not 1 <= self.num_features <= len(sensors):
             raise ValueError(
@@ -422,6 +432,7 @@ class ConditionalMISelector(SensorSelector):
             living,
             significance=self.significance,
             background=[last] if drifts else [],
+            progress=self._progress,
         )
         found = search.confirmed() if self.direction == 'forward' else search.tested(chosen)
         if self.num_features is None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import combinations
 from typing import NamedTuple
 
@@ -52,6 +52,8 @@ class StepwiseSelection:
         Level at which a sensor is confirmed, over all sensors.
     background : sequence of int
         Channels that every score is to be given.
+    progress : callable
+        Told a fraction that grows with each sensor found.
 
     """
 
@@ -63,12 +65,14 @@ class StepwiseSelection:
         *,
         significance: float,
         background: Sequence[int] = (),
+        progress: Callable[[float], None] = lambda fraction: None,
     ):
         self._criterion = criterion
         self._test = test
         self._sensors = sensors
         self._significance = significance
         self._background = list(background)
+        self._progress = progress
         self._num_units = sum(len(self._units(i)) for i in range(len(sensors)))
 
     def confirmed(self) -> list[Finding]:
@@ -81,6 +85,7 @@ class StepwiseSelection:
             if not found:
                 break
             chosen += found
+            self._progress(1 - 0.5 ** len(chosen))
         return self._without_superfluous(chosen)
 
     def tested(self, sensors: Sequence[int]) -> list[Finding]:

@@ -29,6 +29,7 @@ from cmifs_ros.collect.selection_report import (
     evidence,
     headline,
     is_news,
+    is_tentative,
     reply_of,
 )
 from cmifs_ros.collect.state_filter import StateFilter
@@ -242,7 +243,7 @@ class SelectorNode(Node):
             raise RefusedError(str(error)) from None
         settings = selector_settings(values)
         episodes = self._buffer.snapshot()
-        arguments = (episodes, names, values['method'], settings, values['worker_threads'])
+        arguments = (episodes, names, values['method'], settings)
         return Job(self._revision, self._generation, arguments)
 
     def _select_periodically(self) -> None:
@@ -261,6 +262,9 @@ class SelectorNode(Node):
         if selection is None:
             self._attempted_revision = None
             self.get_logger().warning(f'no selection: {outcome.error}')
+            return outcome
+        if is_tentative(selection):
+            self.get_logger().info(f'{headline(selection)}: {evidence(selection)}')
             return outcome
         if not selection.indices:
             self._last_error = NOTHING_SELECTED

@@ -55,8 +55,11 @@ PARAMETERS = (
          (0, 1e6)),
     Spec('selection_timeout', 600.0, 'Seconds after which a selection is given up; 0: never.',
          (0, 1e6)),
-    Spec('max_time_bins', 32, 'Longer episodes have neighbouring steps pooled; 0 never pools.',
-         (0, 10_000)),
+    Spec('significance', 0.05,
+         'Probability that any sensor is confirmed where none tells anything.', (1e-6, 0.5)),
+    Spec('max_time_bins', -1,
+         'Longer episodes have neighbouring steps pooled into so many bins; 0 never pools, -1 '
+         'decides by the data.', (-1, 10_000)),
     Spec('random_state', 0, 'Seed of the folds and kernel centres.', (0, 2**31 - 1)),
     Spec('worker_threads', 1, 'Processor cores that a selection may use; with kdr it uses one.',
          (1, 64)),
@@ -68,8 +71,11 @@ PARAMETERS = (
 SELECTION_PARAMETERS = {
     'method', 'kdr_target', 'num_features', 'gamma', 'criterion', 'standardize', 'direction',
     'sensor_groups', 'min_episodes', 'max_episodes', 'max_buffer_mb', 'max_time_bins',
-    'random_state',
+    'significance', 'random_state',
 }  # fmt: skip
+
+#: What stands for itself is a number of bins.
+_TIME_BINS = {-1: 'auto', 0: None}
 
 
 #: Fields of a joint state.
@@ -176,5 +182,7 @@ def selector_settings(values: dict) -> dict:
         'gamma': values['gamma'],
         'criterion': values['criterion'],
         'standardize': values['standardize'],
-        'max_time_bins': values['max_time_bins'] or None,
+        'max_time_bins': _TIME_BINS.get(values['max_time_bins'], values['max_time_bins']),
+        'significance': values['significance'],
+        'n_jobs': values['worker_threads'],
     }
