@@ -25,6 +25,7 @@ from cmifs_ros.core import ConditionalMISelector, Episode, KDRSelector
 from cmifs_ros.tools.arguments import names_among, number_from, numbers_from
 from cmifs_ros.tools.program import StudyError, exit_code
 from studies.methods import mean_and_error
+from studies.parallel_trials import IS_OLD_JOBLIB
 from studies.tables import markdown_table
 from studies.tasks import TASKS, what_is_missing
 
@@ -145,7 +146,11 @@ def run(options: argparse.Namespace) -> None:
         for case in cases
         if (missing := [r for r in options.regressors if (*map(str, case), r) not in done])
     ]
-    parallel = joblib.Parallel(n_jobs=options.jobs, batch_size=1, return_as='generator')
+    parallel = joblib.Parallel(
+        n_jobs=options.jobs,
+        batch_size=1,
+        return_as='generator' if IS_OLD_JOBLIB else 'generator_unordered',
+    )
     results = parallel(
         joblib.delayed(run_case)(case, missing, options.first_seed) for case, missing in todo
     )

@@ -18,7 +18,7 @@ def _extra_trees(seed: int):
 def _nearest_neighbours(seed: int):
     from sklearn.neighbors import KNeighborsRegressor
 
-    return KNeighborsRegressor(10, algorithm='brute')
+    return KNeighborsRegressor(5, algorithm='brute')
 
 
 def _mlp(seed: int):
@@ -87,8 +87,8 @@ class FittedQ:
         self._models = [REGRESSORS[regressor](seed) for _ in range(num_actions)]
         inputs, reached = self._scaled(transitions.states), self._scaled(transitions.next_states)
         targets = transitions.rewards
-        # Values of about 1: a network learns them faster.
-        unit = max(float(np.abs(targets).max()), 1e-12) / (1 - gamma)
+        # In units of the largest reward: a network wants values of about 1.
+        unit = max(float(np.abs(targets).max()), 1e-12)
         for _ in range(num_iterations):
             for action, model in enumerate(self._models):
                 chosen = transitions.actions == action
