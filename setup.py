@@ -40,8 +40,8 @@ setup(
     license='Apache-2.0',
     entry_points={
         'console_scripts': [
-            'demo = cmifs_ros.tools.demo:main',
-            'downstream = cmifs_ros.tools.downstream:main',
+            'demo = cmifs_ros.tools.program:demo',
+            'downstream = cmifs_ros.tools.program:downstream',
             'selector_node = cmifs_ros.ros.run_node:selector_node',
             'simulator_node = cmifs_ros.ros.run_node:simulator_node',
             'watch = cmifs_ros.tools.watch:main',

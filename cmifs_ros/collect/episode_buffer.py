@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from collections import deque
+import hashlib
+from collections import OrderedDict
+
+import numpy as np
 
 from cmifs_ros.core import Episode
 
@@ -10,12 +13,20 @@ from cmifs_ros.core import Episode
 class EpisodeBuffer:
     """Keep the newest episodes; the oldest leave when there is no room for a new one.
 
+    The same episode twice (the same states and rewards) is a copy, as of a bag that is played in a
+    loop, and no evidence: it is counted and not kept.
+
     Parameters
     ----------
     max_episodes : int
         Greatest number of episodes held, at least 1.
     max_bytes : int, optional
         Greatest size of their arrays, at least 1; None sets no bound.
+
+    Attributes
+    ----------
+    num_repeated : int
+        Copies that were not kept.
 
     Raises
     ------
@@ -25,7 +36,8 @@ class EpisodeBuffer:
     """
 
     def __init__(self, max_episodes: int = 100, max_bytes: int | None = None):
-        self._episodes: deque[Episode] = deque()
+        self._episodes: OrderedDict[bytes, Episode] = OrderedDict()  # by digest
+        self.num_repeated = 0
         self._num_steps = 0
         self._nbytes = 0
         self._max_episodes = _checked('max_episodes', max_episodes)
@@ -65,8 +77,8 @@ class EpisodeBuffer:
         """Memory held by the episodes' arrays, in bytes."""
         return self._nbytes
 
-    def append(self, episode: Episode) -> None:
-        """Add one episode.
+    def append(self, episode: Episode) -> bool:
+        """Add one episode; return False if it is held already.
 
         Raises
         ------
@@ -75,19 +87,25 @@ class EpisodeBuffer:
             larger than `max_bytes`.
 
         """
-        if self._episodes and episode.num_channels != self._episodes[0].num_channels:
+        held = next(iter(self._episodes.values()), episode)
+        if episode.num_channels != held.num_channels:
             raise ValueError(
                 f'the episode has {episode.num_channels} channels; '
-                f'expected {self._episodes[0].num_channels} as in the episodes held'
+                f'expected {held.num_channels} as in the episodes held'
             )
         if self.max_bytes is not None and episode.nbytes > self.max_bytes:
             raise ValueError(
                 f'the episode has {episode.nbytes} bytes; expected at most {self.max_bytes}'
             )
+        digest = _digest(episode)
+        if digest in self._episodes:
+            self.num_repeated += 1
+            return False
         self._make_room(1, episode.nbytes)
-        self._episodes.append(episode)
+        self._episodes[digest] = episode
         self._num_steps += len(episode)
         self._nbytes += episode.nbytes
+        return True
 
     def clear(self) -> None:
         """Forget all episodes."""
@@ -96,16 +114,22 @@ class EpisodeBuffer:
 
     def snapshot(self) -> tuple[Episode, ...]:
         """Return the episodes held now, oldest first; later changes do not touch it."""
-        return tuple(self._episodes)
+        return tuple(self._episodes.values())
 
     def _make_room(self, num_episodes: int, nbytes: int) -> None:
         while self._episodes and (
             len(self._episodes) + num_episodes > self.max_episodes
             or (self.max_bytes is not None and self._nbytes + nbytes > self.max_bytes)
         ):
-            oldest = self._episodes.popleft()
+            _, oldest = self._episodes.popitem(last=False)
             self._num_steps -= len(oldest)
             self._nbytes -= oldest.nbytes
+
+
+def _digest(episode: Episode) -> bytes:
+    digest = hashlib.blake2b(np.ascontiguousarray(episode.states), digest_size=16)
+    digest.update(np.ascontiguousarray(episode.rewards))
+    return digest.digest()
 
 
 def _checked(name: str, value: int) -> int:

@@ -1,8 +1,8 @@
 r"""The file that brings the episodes and the last selection back after a restart.
 
-Format, version 2::
+Format, version 3::
 
-    cmifs_ros episodes 2\n
+    cmifs_ros episodes 3\n
     {"channels": [...], "lengths": [...], "selection": {...}, "selected_at": ...}\n
     the episodes, oldest first: states (T, v), then rewards (T,), float64, little-endian
     SHA-256 of all that stands before it (32 bytes)
@@ -12,9 +12,9 @@ A record is T (8 bytes, little-endian), the CRC-32 of these (4 bytes), the episo
 of the record before it (32 bytes). The last one is torn if its writer was killed meanwhile.
 
 The second line is JSON. `lengths` gives the T of each episode before the records; `selection` is
-null or the fields of `Selection`; `selected_at` is in seconds of Unix time. Nothing in it can run
-code, and nothing is allocated before its size is known to be within the bounds. Nothing here knows
-ROS.
+null or the fields of `Selection`; `selected_at` is in seconds of Unix time. A file of version 2,
+whose selection has no evidence, is read too. Nothing in it can run code, and nothing is allocated
+before its size is known to be within the bounds. Nothing here knows ROS.
 """
 
 from __future__ import annotations
@@ -37,9 +37,12 @@ import numpy as np
 from cmifs_ros.core import Episode
 from cmifs_ros.core.selection import Selection
 
-from .transitions import MAX_CHANNELS, MAX_NAME_LENGTH
+from .selection_fields import count_of, list_of, names_of, selection_of
+from .state_reader import MAX_CHANNELS
 
-VERSION = 2
+VERSION = 3
+#: What can be read: version 2 differs by the selection, which has no evidence there.
+_READABLE = (2, VERSION)
 _MAGIC = b'cmifs_ros episodes '
 _MAX_HEADER = 2**25
 _MAX_FILE = 2**35
@@ -244,9 +247,9 @@ def read(path: str | os.PathLike, max_episodes: int, max_bytes: int) -> Saved:
             raise RefusedFileError(f'is truncated, or its header has more than {_MAX_HEADER} bytes')
         try:
             header = json.loads(line)
-            channel_names = _names(header['channels'], MAX_CHANNELS)
-            lengths = [_count(length, 1) for length in _list(header['lengths'])]
-            selection = _selection(header['selection'])
+            channel_names = names_of(header['channels'], MAX_CHANNELS)
+            lengths = [count_of(length, 1) for length in list_of(header['lengths'])]
+            selection = selection_of(header['selection'])
             selected_at = float(header['selected_at'])
         except (ValueError, TypeError, KeyError, RecursionError, OverflowError) as error:
             raise RefusedFileError(f'has a header that cannot be used: {error!r}') from None
@@ -298,7 +301,7 @@ def _check_version(line: bytes) -> None:
     if not line.startswith(_MAGIC) or not line.endswith(b'\n'):
         raise RefusedFileError('is no episodes file of cmifs_ros')
     version = line[len(_MAGIC) : -1].decode('ascii', 'replace')
-    if version != str(VERSION):
+    if version not in map(str, _READABLE):
         raise RefusedFileError(f'is of format version {version}; expected {VERSION}')
 
 
@@ -341,49 +344,3 @@ def _newest(
         states, rewards = np.split(values, [length * num_channels])
         episodes.append(Episode(states.reshape(length, num_channels), rewards))
     return episodes[::-1]
-
-
-def _selection(fields: dict | None) -> Selection | None:
-    if fields is None:
-        return None
-    selection = Selection(
-        indices=tuple(_count(index) for index in _list(fields['indices'])),
-        names=_names(fields['names'], MAX_CHANNELS),
-        ranking=_names(fields['ranking'], MAX_CHANNELS),
-        scores=tuple(float(score) for score in _list(fields['scores'])),
-        episodes=_count(fields['episodes']),
-        steps=_count(fields['steps']),
-        seconds=float(fields['seconds']),
-        means=tuple(float(mean) for mean in _list(fields['means'])),
-        spreads=tuple(float(spread) for spread in _list(fields['spreads'])),
-    )
-    if len(selection.means) != len(selection.spreads):
-        raise ValueError(f'{len(selection.means)} means for {len(selection.spreads)} spreads')
-    if not 0 < len(selection.names) == len(selection.indices) <= MAX_CHANNELS:
-        raise ValueError(f'{len(selection.indices)} indices for {len(selection.names)} names')
-    if len(selection.scores) != len(selection.ranking):
-        raise ValueError(f'{len(selection.scores)} scores for {len(selection.ranking)} sensors')
-    if max(selection.indices) >= MAX_CHANNELS:
-        raise ValueError(f'index {max(selection.indices)}; expected less than {MAX_CHANNELS}')
-    return selection
-
-
-def _list(value) -> list:
-    if not isinstance(value, list):
-        raise TypeError(f'{type(value).__name__} in place of a list')
-    return value
-
-
-def _count(value, least: int = 0) -> int:
-    if type(value) is not int or value < least:
-        raise ValueError(f'{value!r} in place of an integer of at least {least}')
-    return value
-
-
-def _names(value, most: int) -> tuple[str, ...]:
-    names = tuple(_list(value))
-    if len(names) > most or len(set(names)) < len(names):
-        raise ValueError(f'{len(names)} names; expected at most {most}, all different')
-    if not all(isinstance(name, str) and 0 < len(name) <= MAX_NAME_LENGTH for name in names):
-        raise ValueError(f'a name that is no text of 1 to {MAX_NAME_LENGTH} characters')
-    return names

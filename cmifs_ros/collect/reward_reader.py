@@ -5,7 +5,8 @@ from __future__ import annotations
 from array import array
 from math import isfinite
 
-from .transitions import RewardSample, listed
+from .state_reader import listed
+from .transitions import RewardSample
 
 
 class RewardReader:

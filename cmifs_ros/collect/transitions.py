@@ -8,20 +8,17 @@ from __future__ import annotations
 
 from array import array
 from collections import Counter
-from collections.abc import Sequence
 from itertools import takewhile
-from math import isfinite
 from typing import NamedTuple
 
 import numpy as np
 
 from cmifs_ros.core import Episode
 
+from .state_reader import StateReader
+
 #: States or rewards that wait for their partner; as many as the subscriptions queue.
 MAX_PENDING = 1000
-#: Greatest number of channels, and of characters of a name.
-MAX_CHANNELS = 4096
-MAX_NAME_LENGTH = 256
 
 
 class RewardSample(NamedTuple):
@@ -76,11 +73,13 @@ class Waiting(dict):
 class EpisodeAssembler:
     """Build episodes from states and rewards that arrive as separate streams.
 
-    A state and a reward belong together when their stamps are equal. Once a pair is complete,
+    A state and a reward belong together when their stamps are equal, or no further apart than
+    `stamp_tolerance`. Once a pair is complete,
     older unpaired messages of either stream are lost and counted. An episode with a lost
     transition is dropped, counted, and collecting goes on with the next one. A pair that is
     older than the last one means that time was set back: the open episode is dropped. A single
-    message sent again or late changes nothing.
+    message sent again or late changes nothing. Step 0 begins an episode; where nothing else tells
+    of ends, it ends the one before.
 
     Parameters
     ----------
@@ -91,15 +90,16 @@ class EpisodeAssembler:
 
     Attributes
     ----------
-    channel_names : tuple of str or None
-        The channels of the first valid state; later states must carry the same ones, in any
-        order.
+    reader : StateReader
+        Knows the channels.
+    stamp_tolerance : int
+        Nanoseconds; more than half the time between two steps would mix them.
     num_transitions : int
         Pairs completed so far.
     dropped_messages, dropped_episodes : collections.Counter
         How many were dropped, by cause.
-    last_drop : str
-        The most recent of them, in words.
+    last_drops : dict of str to str
+        By cause, the most recent of them in words.
     num_cut : int
         Episodes closed at `max_episode_steps` or `max_episode_bytes`.
 
@@ -108,18 +108,18 @@ class EpisodeAssembler:
     def __init__(self, max_episode_steps: int, max_episode_bytes: int = 2**62):
         self.max_episode_steps = max_episode_steps
         self.max_episode_bytes = max_episode_bytes
+        self.stamp_tolerance = 0
         self.num_transitions = 0
         self.num_cut = 0
         self.dropped_messages: Counter[str] = Counter()
         self.dropped_episodes: Counter[str] = Counter()
-        self.last_drop = ''
+        self.last_drops: dict[str, str] = {}
+        self.reader = StateReader(self.drop_message)
         self.clear()
 
     def clear(self) -> None:
         """Forget the open episode, all that waits, and the channels; keep the counts."""
-        self.channel_names: tuple[str, ...] | None = None
-        self._layout: list[str] = []
-        self._columns: list[int] | None = None
+        self.reader.clear()
         self._states = Waiting()
         self._rewards = Waiting()
         self._recent: dict[int, Transition] = {}
@@ -134,6 +134,25 @@ class EpisodeAssembler:
         """States and rewards that wait for their partner."""
         return len(self._states) + len(self._rewards)
 
+    @property
+    def channel_names(self) -> tuple[str, ...] | None:
+        """The channels of the first valid state."""
+        return self.reader.channel_names
+
+    @channel_names.setter
+    def channel_names(self, names: tuple[str, ...] | None) -> None:
+        self.reader.channel_names = names
+
+    def nearest_state(self) -> int | None:
+        """Return how far the nearest state is from the newest reward that waits, in nanoseconds.
+
+        None if there is no such reward, or no state waits.
+        """
+        if not self._rewards or not self._states:
+            return None
+        newest = next(reversed(self._rewards))
+        return min(abs(stamp - newest) for stamp in self._states)
+
     def add_state(self, stamp: int, names: list[str], values: array) -> list[Episode]:
         """Take a state; return the episodes that it completes.
 
@@ -146,7 +165,8 @@ class EpisodeAssembler:
             As many as names. Both are kept, not copied: they may not change afterwards.
 
         """
-        state = self._checked_state(names, values)
+        state = self.reader.read(names, values)
+        stamp = self._partner_of(stamp, self._rewards)
         if state is None or not self._is_new(stamp, state, self._states, 'state'):
             return []
         self._states.add(stamp, state)
@@ -154,6 +174,7 @@ class EpisodeAssembler:
 
     def add_reward(self, stamp: int, sample: RewardSample) -> list[Episode]:
         """Take a reward; return the episodes that it completes."""
+        stamp = self._partner_of(stamp, self._states)
         if not self._is_new(stamp, sample, self._rewards, 'reward'):
             return []
         self._rewards.add(stamp, sample)
@@ -162,53 +183,21 @@ class EpisodeAssembler:
     def drop_message(self, cause: str, what: str, count: int = 1) -> None:
         """Count a message, or several, that cannot be used."""
         self.dropped_messages[cause] += count
-        self.last_drop = what
+        self.last_drops[cause] = what
 
-    def _checked_state(self, names: list[str], values: array) -> array | None:
-        """Return the values in the order of the channels, or None if they cannot be used."""
-        if len(names) != len(values) or not names:
-            self.drop_message(
-                'wrong_length', f'a state has {len(values)} values for {len(names)} names'
-            )
-            return None
-        if names != self._layout and not self._learn_layout(names):
-            return None
-        # One value that is not finite makes the sum so; finite ones do only if they are huge.
-        if not isfinite(sum(values)) and not all(map(isfinite, values)):
-            bad = next(i for i, value in enumerate(values) if not isfinite(value))
-            self.drop_message('not_finite', f'channel {listed([names[bad]])} is {values[bad]}')
-            return None
-        if self.channel_names is None:
-            self.channel_names = tuple(names)
-        if self._columns is not None:
-            return array('d', [values[column] for column in self._columns])
-        return values
-
-    def _learn_layout(self, names: list[str]) -> bool:
-        """Take the names of a state whose successors mostly have the same, in the same order."""
-        columns = None
-        if self.channel_names is None:
-            problem = problem_of_names(names)
-            if problem:
-                self.drop_message('wrong_channels', f'a state has {problem}')
-                return False
-        elif tuple(names) != self.channel_names:
-            if len(names) != len(self.channel_names) or set(names) != set(self.channel_names):
-                odd = sorted(set(names) ^ set(self.channel_names)) or ['a repeated name']
-                self.drop_message(
-                    'wrong_channels',
-                    f'a state differs from the {len(self.channel_names)} known channels '
-                    f'by {listed(odd)}',
-                )
-                return False
-            column_of = {name: column for column, name in enumerate(names)}
-            columns = [column_of[name] for name in self.channel_names]
-        self._layout, self._columns = names, columns
-        return True
+    def _partner_of(self, stamp: int, waiting: Waiting) -> int:
+        """Return the stamp within the tolerance that waits for this one, or else this one."""
+        if not self.stamp_tolerance or not waiting or stamp in waiting:
+            return stamp
+        nearest = min(waiting, key=lambda other: abs(other - stamp))
+        return nearest if abs(nearest - stamp) <= self.stamp_tolerance else stamp
 
     def _is_new(self, stamp: int, content, waiting: dict, what: str) -> bool:
         """Tell whether a message is none of those already taken, and make room for it."""
         paired = self._recent.get(stamp)
+        if stamp in waiting and content != waiting[stamp]:
+            self.drop_message('equal_stamps', _equal_stamps(what, stamp))
+            return False
         if stamp in waiting or (paired is not None and content in paired):
             self.drop_message('duplicate_stamp', f'a second {what} is stamped {stamp} ns')
             return False
@@ -225,7 +214,9 @@ class EpisodeAssembler:
             return []
         transition = Transition(self._states.pop(stamp), self._rewards.pop(stamp))
         last = self._last_paired
-        if last is not None and stamp <= last:
+        if stamp == last:
+            self._break_episode('equal_stamps', _equal_stamps('state', stamp))
+        elif last is not None and stamp < last:
             # A replayed bag or a reset simulation. A single message that is late is no reason.
             self._break_episode('time_backwards', 'a transition is older than the one before')
             for old in [s for s in self._states if s > last]:
@@ -272,6 +263,8 @@ class EpisodeAssembler:
                 completed.append(self._close())
             self._skipping = False
             self._was_cut = False
+        if self._open_rewards and sample.step == 0 and not previous.marks_ends:
+            completed.append(self._close())
         if self._open_rewards and not _follows(sample, previous):
             self._break_episode('step_gap', f'step {sample.step} came after step {previous.step}')
 
@@ -304,7 +297,7 @@ class EpisodeAssembler:
         """Drop the episode under way; skip its rest."""
         if not self._skipping:
             self.dropped_episodes[cause] += 1
-            self.last_drop = what
+            self.last_drops[cause] = what
         self._forget_open()
         self._skipping = True
         self._was_cut = False
@@ -324,22 +317,11 @@ class EpisodeAssembler:
         self._open_states, self._open_rewards = array('d'), array('d')
 
 
-def problem_of_names(names: Sequence[str]) -> str:
-    """Return what makes names unfit for channels, or nothing."""
-    if len(names) > MAX_CHANNELS:
-        return f'{len(names)} channels; expected at most {MAX_CHANNELS}'
-    if not all(0 < len(name) <= MAX_NAME_LENGTH for name in names):
-        return f'an empty name or one of more than {MAX_NAME_LENGTH} characters: {listed(names)}'
-    if len(set(names)) < len(names):
-        return f'repeated names: {listed(names)}'
-    return ''
-
-
-def listed(names: Sequence[str]) -> str:
-    """Return names as a text that stays short, however many and long they are."""
-    shown = [name if len(name) <= 32 else f'{name[:30]}..' for name in names[:8]]
-    more = [f'{len(names) - 8} more'] if len(names) > 8 else []
-    return ', '.join(shown + more)
+def _equal_stamps(what: str, stamp: int) -> str:
+    return (
+        f'two different messages of {what} have the same stamp, {stamp} ns: each step needs one of '
+        'its own, so a simulated clock has to tick at least once a step'
+    )
 
 
 def _follows(sample: RewardSample, previous: RewardSample) -> bool:

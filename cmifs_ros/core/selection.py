@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -66,11 +66,20 @@ class Selection:
 
 
 def select(
-    episodes: Sequence[Episode], channel_names: Sequence[str], method: str, settings: dict
+    episodes: Sequence[Episode],
+    channel_names: Sequence[str],
+    method: str,
+    settings: dict,
+    *,
+    progress: Callable[[float], None] = lambda fraction: None,
 ) -> Selection:
-    """Fit the selector of a method, with the given settings, and return what it found."""
+    """Fit the selector of a method, with the given settings, and return what it found.
+
+    `progress` is told the share that is done.
+    """
     start = time.perf_counter()
     selector = METHODS[method](**settings).fit(episodes, names=channel_names)
+    progress(1.0)
     samples = np.concatenate([np.column_stack([e.states, e.rewards]) for e in episodes])
     with np.errstate(over='ignore', invalid='ignore'):  # Huge values: their spread is inf.
         means, spreads = samples.mean(axis=0), samples.std(axis=0)

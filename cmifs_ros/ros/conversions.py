@@ -12,7 +12,8 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Header, Int32MultiArray, MultiArrayDimension
 from visualization_msgs.msg import Marker, MarkerArray
 
-from cmifs_ros.collect.transitions import MAX_CHANNELS, RewardSample
+from cmifs_ros.collect.state_reader import MAX_CHANNELS
+from cmifs_ros.collect.transitions import RewardSample
 
 NANOSECONDS = 1_000_000_000
 
@@ -42,6 +43,57 @@ def named_values(msg: JointState) -> tuple[list[str], array]:
         size = max(len(names), len(values))
         raise ValueError(f'there are {size} names or positions; expected at most {MAX_CHANNELS}')
     return names, values
+
+
+class FieldReader:
+    """Read the values of some fields of joint states, with channel names as `wheel.velocity`.
+
+    Parameters
+    ----------
+    fields : sequence of str
+        Of 'position', whose channels have the names themselves, 'velocity' and 'effort'.
+
+    """
+
+    def __init__(self, fields: Sequence[str]):
+        self._fields = tuple(fields)
+        self._names: list[str] | None = None
+        self._channels: list[str] = []
+
+    def read(self, msg: JointState) -> tuple[list[str], array]:
+        """Return the names and values of a message's channels; without a velocity, no copies.
+
+        Raises
+        ------
+        ValueError
+            If there are more than a state may have, or a field has another length than the names.
+
+        """
+        if self._fields == ('position',):
+            if msg.name and not msg.position:
+                others = [f for f in ('velocity', 'effort') if getattr(msg, f)]
+                if others:
+                    raise ValueError(
+                        f'there is {" and ".join(others)} and no position: '
+                        f'set fields to {",".join(others)}'
+                    )
+            return named_values(msg)
+        if len(msg.name) * len(self._fields) > MAX_CHANNELS:
+            raise ValueError(f'there are {len(msg.name)} names; expected fewer')
+        values = array('d')
+        for field in self._fields:
+            part = getattr(msg, field)
+            if len(part) != len(msg.name):
+                raise ValueError(f'there are {len(part)} values of {field}, {len(msg.name)} names')
+            values += part
+        if msg.name != self._names:
+            self._names = msg.name
+            self._channels = [
+                name if field == 'position' else f'{name}.{field}'
+                for field in self._fields
+                for name in msg.name
+            ]
+        return self._channels, values
 
 
 def named_values_to_msg(header: Header, names: Iterable[str], values: Iterable[float]):

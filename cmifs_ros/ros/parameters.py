@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -14,6 +15,9 @@ from rcl_interfaces.msg import (
 )
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+
+#: Parameters that rclpy declares by itself, or reads without declaring them.
+_OF_ROS = ('use_sim_time', 'start_type_description_service', 'qos_overrides')
 
 
 @dataclass(frozen=True)
@@ -63,6 +67,9 @@ def declare(
 ) -> dict[str, Any]:
     """Declare parameters; validate before each change and apply after it.
 
+    A whole number is taken for a float. A value that was given at the start, also in a file, for a
+    parameter that does not exist is warned of, with the nearest name.
+
     Parameters
     ----------
     node : Node
@@ -107,10 +114,35 @@ def declare(
             values.update(changed)
             apply(changed)
 
+    floats = {spec.name for spec in specs if type(spec.default) is float}
+
+    def as_declared(parameters: list[Parameter]) -> list[Parameter]:
+        return [
+            Parameter(p.name, value=float(p.value))
+            if p.name in floats and type(p.value) is int
+            else p
+            for p in parameters
+        ]
+
+    given = node._parameter_overrides  # rclpy itself shows only what is declared.
+    given.update({p.name: p for p in as_declared(list(given.values()))})
     for spec in specs:
         parameter = node.declare_parameter(spec.name, spec.default, spec.descriptor())
         values[spec.name] = parameter.value
     check_all(values)
+    _warn_of_unknown(node, sorted(given.keys() - values.keys()), list(values))
+    node.add_pre_set_parameters_callback(as_declared)
     node.add_on_set_parameters_callback(validate)
     node.add_post_set_parameters_callback(accept)
     return values
+
+
+def _warn_of_unknown(node: Node, names: Sequence[str], known: Sequence[str]) -> None:
+    unknown = [name for name in names if name.split('.')[0] not in _OF_ROS]
+    if unknown:
+        nearest = difflib.get_close_matches(unknown[0], known, n=1, cutoff=0)
+        node.get_logger().warning(
+            f'unknown parameters are ignored: {", ".join(unknown[:8])}'
+            + (f' and {len(unknown) - 8} more' if len(unknown) > 8 else '')
+            + f'; the name nearest to {unknown[0]} is {nearest[0]}'
+        )

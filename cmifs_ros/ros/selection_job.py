@@ -8,7 +8,7 @@ from concurrent.futures import ProcessPoolExecutor
 
 from cmifs_ros.core.selection import Selection, select
 
-from .worker import end_with_parent
+from .worker import end_with_parent, report_progress
 
 
 def run_selection(episodes, channel_names, method: str, settings: dict, cores: int) -> Selection:
@@ -18,7 +18,7 @@ def run_selection(episodes, channel_names, method: str, settings: dict, cores: i
     """
     if method == 'conditional_mi' and cores > 1:
         settings = settings | {'executor': _processes(cores)}
-    return select(episodes, channel_names, method, settings)
+    return select(episodes, channel_names, method, settings, progress=report_progress)
 
 
 @functools.lru_cache(maxsize=1)

@@ -12,6 +12,9 @@ from cmifs_ros.core.selection import Selection
 from .selection_job import run_selection
 from .worker import WorkerProcess
 
+CANCELLED = 'the selection was cancelled'
+STOPPED = 'the selector is shutting down'
+
 #: Calls that may wait for their answer.
 MAX_WAITING = 1000
 
@@ -108,6 +111,11 @@ class SelectionQueue:
         return time.monotonic() - self._started_at if self.busy else 0.0
 
     @property
+    def progress(self) -> float:
+        """Share of the selection under way that is done, from 0 to 1."""
+        return self._worker.progress if self.busy else 0.0
+
+    @property
     def worker_pid(self) -> int | None:
         """Process id of the worker, or None when none runs."""
         return self._worker.pid
@@ -142,9 +150,23 @@ class SelectionQueue:
             self._finish(Outcome(error=reason, generation=self._running.generation))
         self._start_next()
 
+    def cancel(self) -> bool:
+        """Give up the selection under way; return whether there was one.
+
+        Whoever waits is answered, also those that wait for the next one.
+        """
+        was_busy = self.busy
+        self._give_up(CANCELLED)
+        return was_busy
+
     def stop(self) -> None:
-        """End the worker process at once."""
+        """End the worker process at once, and answer those who wait."""
+        self._give_up(STOPPED)
+
+    def _give_up(self, reason: str) -> None:
         self._worker.stop()
+        waiting, self._joined, self._waiting = self._joined + self._waiting, [], []
+        self._answer(waiting, Outcome(error=reason, is_refusal=True))
 
     def _start_next(self) -> None:
         if self.busy or not self._waiting:

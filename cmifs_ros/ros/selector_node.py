@@ -7,16 +7,14 @@ import json
 import math
 import os
 import time
-from collections import Counter
+from array import array
 from concurrent.futures import Future
-from functools import partial
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
-from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile, qos_policy_name_from_kind
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header, Int32MultiArray
 from std_srvs.srv import Trigger
@@ -26,22 +24,29 @@ from cmifs_ros.collect.drift import Drift
 from cmifs_ros.collect.episode_buffer import EpisodeBuffer
 from cmifs_ros.collect.episode_file import Saved
 from cmifs_ros.collect.episode_saver import EpisodeSaver
-from cmifs_ros.collect.reward_reader import RewardReader
+from cmifs_ros.collect.selection_report import (
+    NOTHING_SELECTED,
+    evidence,
+    headline,
+    is_news,
+    reply_of,
+)
 from cmifs_ros.collect.state_filter import StateFilter
-from cmifs_ros.collect.transitions import EpisodeAssembler, RewardSample, listed
+from cmifs_ros.collect.state_reader import listed
 from cmifs_ros.core import Episode
 from cmifs_ros.core.selection import Selection
 
-from . import conversions, diagnostics
+from . import conversions, diagnostics, selector_status
 from .deferred_service import answer_later
 from .parameters import declare
 from .selection_queue import Job, Outcome, RefusedError, SelectionQueue
+from .selector_input import SelectorInput
 from .selector_parameters import (
+    MEGABYTE,
     PARAMETERS,
     SELECTION_PARAMETERS,
     check_parameters,
-    parse_kdr_target,
-    parse_sensor_groups,
+    selector_settings,
 )
 
 STREAM_QOS = QoSProfile(depth=1000)
@@ -49,14 +54,9 @@ LATCHED_QOS = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 #: Seconds between looks at the worker.
 _POLL_PERIOD = 0.1
-#: Seconds between two warnings of dropped messages.
-_WARNING_PERIOD = 10.0
-#: Seconds without a state after which the input counts as silent.
-_SILENCE = 5.0
+#: Seconds between two lines of how many episodes there are.
+_PROGRESS_PERIOD = 10.0
 
-MEGABYTE = 1_000_000
-
-NOTHING_SELECTED = 'no sensor tells anything about the return'
 CLEARED_MEANWHILE = 'the selection is not used: its episodes were cleared meanwhile'
 
 
@@ -65,11 +65,10 @@ class SelectorNode(Node):
 
     def __init__(self):
         super().__init__('selector')
-        self._settings = declare(self, PARAMETERS, check_parameters, self._apply_parameters)
+        self._input: SelectorInput | None = None
+        self._settings = declare(self, PARAMETERS, self._check, self._apply_parameters)
         max_bytes = self._settings['max_buffer_mb'] * MEGABYTE
         self._buffer = EpisodeBuffer(self._max_episodes, max_bytes)
-        self._assembler = EpisodeAssembler(self._settings['max_episode_steps'], max_bytes)
-        self._reward_reader = RewardReader()
         self._queue = SelectionQueue(
             self._make_job,
             lambda: self._revision,
@@ -85,14 +84,7 @@ class SelectorNode(Node):
         self._drift: Drift | None = None
         self._selected_state = JointState()
         self._last_error = ''
-        self._last_at = {'state': -math.inf, 'reward': -math.inf}
-        self._status_name = self.get_fully_qualified_name().lstrip('/')
-        self._is_reward_announced = False
-        self._incompatible: dict[str, str] = {}
-        #: By topic, what was not yet warned of: the policy, and since when.
-        self._new_incompatible: dict[str, tuple[str, float]] = {}
-        self._warned_at = -math.inf
-        self._warned_drops: Counter[str] = Counter()
+        self._counted_at, self._counted = -math.inf, 0
         self._saver: EpisodeSaver | None = None
         self._warned_storage = self._storage_error = ''
 
@@ -102,15 +94,15 @@ class SelectorNode(Node):
         self._scores_publisher = self.create_publisher(JointState, 'scores', LATCHED_QOS)
         self._state_publisher = self.create_publisher(JointState, 'selected_state', STREAM_QOS)
         self._diagnostics_publisher = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
-        self._inputs = {}
-        for topic, callback in (('state', self._on_state), ('reward', self._on_reward)):
-            events = SubscriptionEventCallbacks(
-                incompatible_qos=partial(self._on_incompatible_qos, topic),
-                message_lost=partial(self._on_message_lost, topic),
-            )
-            self._inputs[topic] = self.create_subscription(
-                JointState, topic, callback, STREAM_QOS, event_callbacks=events
-            )
+        self._input = SelectorInput(
+            self,
+            self._settings,
+            self._buffer,
+            on_state=self._relay,
+            on_episode=self._keep,
+            on_channels=self._on_new_channels,
+            on_restart=self._restart,
+        )
         # The usual depth of 10 would lose calls that come in a burst.
         answer_later(
             self.create_service(
@@ -118,6 +110,7 @@ class SelectorNode(Node):
             )
         )
         self.create_service(Trigger, '~/clear_episodes', self._on_clear_episodes)
+        self.create_service(Trigger, '~/cancel', self._on_cancel)
         # Steady time: a simulated clock that stands still must not stop the node.
         self._steady_clock = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(_POLL_PERIOD, self._queue.poll, clock=self._steady_clock)
@@ -128,7 +121,7 @@ class SelectorNode(Node):
             self._restore(os.path.abspath(self._settings['episodes_path']))
 
     def destroy_node(self) -> None:
-        """End the worker process and the last save, then the node."""
+        """End the worker process and the last save, answer who waits, then end the node."""
         self._queue.stop()
         if self._saver is not None:
             self._saver.stop()
@@ -138,82 +131,22 @@ class SelectorNode(Node):
     def _max_episodes(self) -> int:
         return max(self._settings['max_episodes'], self._settings['min_episodes'])
 
-    # --- data in
+    @property
+    def _channel_names(self) -> tuple[str, ...] | None:
+        return None if self._input is None else self._input.assembler.channel_names
 
-    def _on_state(self, msg: JointState) -> None:
-        self._last_at['state'] = time.monotonic()
-        self._relay(msg)
-        try:
-            names, values = conversions.named_values(msg)
-        except ValueError as error:
-            self._assembler.drop_message('too_large', f'in a state, {error}')
+    # --- episodes and states
+
+    def _keep(self, episode: Episode) -> None:
+        if not self._buffer.append(episode):
             return
-        stamp = conversions.stamp_to_nanoseconds(msg.header.stamp)
-        were_known = self._assembler.channel_names is not None
-        episodes = self._assembler.add_state(stamp, names, values)
-        if episodes:
-            self._keep(episodes)
-        if not were_known and self._assembler.channel_names is not None:
-            self._on_new_channels()
+        self._revision += 1
+        if self._drift is not None:
+            self._drift.add(episode)
+        if self._saver is not None and not self._saver.append(episode, self._channel_names):
+            self._save()
 
-    def _on_reward(self, msg: JointState) -> None:
-        self._last_at['reward'] = time.monotonic()
-        try:
-            sample = self._reward_reader.read(*conversions.named_values(msg))
-        except ValueError as error:
-            self._assembler.drop_message('malformed_reward', f'in a reward message, {error}')
-            return
-        if not self._is_reward_announced:
-            self._is_reward_announced = True
-            self._announce(sample)
-        stamp = conversions.stamp_to_nanoseconds(msg.header.stamp)
-        episodes = self._assembler.add_reward(stamp, sample)
-        if episodes:
-            self._keep(episodes)
-
-    def _on_incompatible_qos(self, topic: str, event) -> None:
-        policy = qos_policy_name_from_kind(event.last_policy_kind)
-        self._new_incompatible[topic] = policy, time.monotonic()
-
-    def _on_message_lost(self, topic: str, event) -> None:
-        self._assembler.drop_message(
-            f'lost_{topic}',
-            f'{event.total_count_change} messages of {topic} on their way',
-            count=event.total_count_change,
-        )
-
-    def _publishing_nodes(self, topic: str) -> list[str]:
-        publishers = self.get_publishers_info_by_topic(self._inputs[topic].topic_name)
-        return sorted(f'{p.node_namespace.rstrip("/")}/{p.node_name}' for p in publishers)
-
-    def _announce(self, sample: RewardSample) -> None:
-        if not sample.marks_ends:
-            ends = 'where `episode` changes or' if sample.episode is not None else 'only'
-            self.get_logger().info(
-                'the reward messages carry neither `terminated` nor `truncated`: an episode is '
-                f'closed {ends} at max_episode_steps={self._settings["max_episode_steps"]}'
-            )
-        if sample.step is None:
-            self.get_logger().info(
-                'the reward messages carry no `step`: a lost state cannot be noticed, and the '
-                'first episode may lack its beginning'
-            )
-
-    def _keep(self, episodes: list[Episode]) -> None:
-        for episode in episodes:
-            self._buffer.append(episode)
-            self._revision += 1
-            if self._drift is not None:
-                self._drift.add(episode)
-            if self._saver is not None and not self._saver.append(
-                episode, self._assembler.channel_names
-            ):
-                self._save()
-
-    # --- data out
-
-    def _relay(self, msg: JointState) -> None:
-        names, values = msg.name, msg.position
+    def _relay(self, header: Header, names: list[str], values: array) -> None:
         if len(names) != len(values):
             return
         if self._filter is not None:
@@ -224,12 +157,12 @@ class SelectorNode(Node):
         # Publishing is most of the work, also for nobody.
         if values is not None and self._state_publisher.get_subscription_count():
             out = self._selected_state  # One message for all: a new one takes as long to make.
-            out.header, out.name, out.position = msg.header, names, values
+            out.header, out.name, out.position = header, names, values
             self._state_publisher.publish(out)
 
     def _on_new_channels(self) -> None:
         """Return to the beginning if the channels, new after a clear, lack a selected one."""
-        names = self._assembler.channel_names
+        names = self._channel_names
         selected = set(self._selection.names) if self._selection is not None else set()
         missing = selected - set(names)
         if missing:
@@ -238,7 +171,35 @@ class SelectorNode(Node):
                 f'channels {listed(names)}'
             )
             self._selection = self._filter = self._drift = None
+        try:
+            check_parameters(self._settings, names)
+        except ValueError as error:
+            self._last_error = str(error)
+            self.get_logger().error(self._last_error)
         self._save()  # Now episodes with these channels can be appended.
+
+    def _restart(self) -> None:
+        self.get_logger().warning(
+            f'the states come with other channels: {len(self._buffer)} episodes are forgotten '
+            '(restart_on_new_channels)'
+        )
+        self._clear()
+
+    def _on_clear_episodes(self, request, response):
+        response.success = True
+        response.message = json.dumps({'episodes': len(self._buffer)})
+        self._clear()
+        self.get_logger().info(f'cleared {response.message}')
+        return response
+
+    def _clear(self) -> None:
+        self._buffer.clear()
+        self._input.assembler.clear()
+        self._revision += 1
+        self._generation += 1
+        self._last_error = ''
+        self._drift = None
+        self._save()
 
     # --- selections
 
@@ -253,41 +214,34 @@ class SelectorNode(Node):
         self._queue.request(on_outcome)
         return answer
 
+    def _on_cancel(self, request, response):
+        response.success = self._queue.cancel()
+        response.message = 'cancelled' if response.success else 'no selection was under way'
+        self.get_logger().info(response.message)
+        return response
+
     def _reply(self, outcome: Outcome) -> dict:
         if outcome.selection is None:
-            return {
-                'error': outcome.error,
-                'episodes': len(self._buffer),
-                'min_episodes': self._settings['min_episodes'],
-            }
-        reply = dataclasses.asdict(outcome.selection)
-        del reply['means'], reply['spreads']
+            counts = {'episodes': len(self._buffer), 'min_episodes': self._settings['min_episodes']}
+            return {'error': outcome.error} | counts
+        reply = reply_of(outcome.selection)
         return reply | {'error': outcome.error} if outcome.error else reply
 
     def _make_job(self) -> Job:
         self._attempted_revision = self._revision
-        values = self._settings
+        values, names = self._settings, self._channel_names
         if len(self._buffer) < values['min_episodes']:
+            problem = self._input.problem
             raise RefusedError(
                 f'there are {len(self._buffer)} episodes; a selection needs at least '
-                f'{values["min_episodes"]} (min_episodes)'
+                f'{values["min_episodes"]} (min_episodes)' + (f'; {problem}' if problem else '')
             )
-        settings = {
-            'num_features': values['num_features'] or None,
-            'direction': values['direction'],
-            'groups': parse_sensor_groups(values['sensor_groups']),
-            'random_state': values['random_state'],
-        }
-        if values['method'] == 'kdr':
-            settings['target'] = parse_kdr_target(values['kdr_target'])
-        else:
-            settings |= {
-                'gamma': values['gamma'],
-                'criterion': values['criterion'],
-                'standardize': values['standardize'],
-                'max_time_bins': values['max_time_bins'] or None,
-            }
-        episodes, names = self._buffer.snapshot(), self._assembler.channel_names
+        try:
+            check_parameters(values, names)
+        except ValueError as error:
+            raise RefusedError(str(error)) from None
+        settings = selector_settings(values)
+        episodes = self._buffer.snapshot()
         arguments = (episodes, names, values['method'], settings, values['worker_threads'])
         return Job(self._revision, self._generation, arguments)
 
@@ -308,20 +262,14 @@ class SelectorNode(Node):
             self._attempted_revision = None
             self.get_logger().warning(f'no selection: {outcome.error}')
             return outcome
-        evidence = (
-            f'{selection.episodes} episodes, {selection.steps} steps, {selection.seconds:.1f} s; '
-            + ', '.join(
-                f'{name} {score:.3f}'
-                for name, score in zip(selection.ranking, selection.scores, strict=True)
-            )
-        )
         if not selection.indices:
             self._last_error = NOTHING_SELECTED
-            self.get_logger().warning(f'{NOTHING_SELECTED}: {evidence}')
+            self.get_logger().warning(f'{NOTHING_SELECTED}: {evidence(selection)}')
             return dataclasses.replace(outcome, error=NOTHING_SELECTED)
+        if is_news(selection, self._selection):
+            self.get_logger().info(f'{headline(selection)}: {evidence(selection)}')
         self._use(selection, time.monotonic())
         self._save()
-        self.get_logger().info(f'selected {", ".join(selection.names)}: {evidence}')
         return outcome
 
     def _use(self, selection: Selection, selected_at: float) -> None:
@@ -330,9 +278,8 @@ class SelectorNode(Node):
         self._drift = Drift(selection, self._settings['min_episodes'])
         self._indices_publisher.publish(conversions.indices_to_msg(selection.indices))
         header = Header(stamp=self.get_clock().now().to_msg())
-        gains = [b - a for a, b in zip((0.0, *selection.scores), selection.scores, strict=False)]
         self._scores_publisher.publish(
-            conversions.named_values_to_msg(header, selection.ranking, gains)
+            conversions.named_values_to_msg(header, selection.ranking, selection.scores)
         )
 
     # --- storage
@@ -356,7 +303,7 @@ class SelectorNode(Node):
             return
         for episode in saved.episodes:
             self._buffer.append(episode)
-        self._assembler.channel_names = saved.channel_names
+        self._input.assembler.channel_names = saved.channel_names
         self._revision += 1
         if saved.selection is not None:
             age = max(0.0, time.time() - saved.selected_at)
@@ -377,7 +324,7 @@ class SelectorNode(Node):
             selected_at = time.time() - (time.monotonic() - self._selected_at)
             self._saver.save(
                 Saved(
-                    self._assembler.channel_names,
+                    self._channel_names,
                     self._buffer.snapshot(),
                     self._selection,
                     selected_at if self._selection is not None else 0.0,
@@ -385,6 +332,9 @@ class SelectorNode(Node):
             )
 
     # --- upkeep
+
+    def _check(self, values: dict) -> None:
+        check_parameters(values, self._channel_names)
 
     def _apply_parameters(self, changed: dict) -> None:
         if changed.keys() & SELECTION_PARAMETERS:
@@ -394,9 +344,7 @@ class SelectorNode(Node):
             self._buffer.max_episodes = self._max_episodes
         if 'max_buffer_mb' in changed:
             self._buffer.max_bytes = changed['max_buffer_mb'] * MEGABYTE
-            self._assembler.max_episode_bytes = self._buffer.max_bytes
-        if 'max_episode_steps' in changed:
-            self._assembler.max_episode_steps = changed['max_episode_steps']
+        self._input.apply()
         if 'selection_timeout' in changed:
             self._queue.timeout = changed['selection_timeout']
         if 'selection_period' in changed:
@@ -411,143 +359,54 @@ class SelectorNode(Node):
                 seconds, self._select_periodically, clock=self._steady_clock
             )
 
-    def _on_clear_episodes(self, request, response):
-        response.success = True
-        response.message = json.dumps({'episodes': len(self._buffer)})
-        self._buffer.clear()
-        self._assembler.clear()
-        self._revision += 1
-        self._generation += 1
-        self._last_error = ''
-        self._drift = None
-        self._save()
-        self.get_logger().info(f'cleared {response.message}')
-        return response
-
     def _report(self) -> None:
-        self._warn_of_incompatible_qos()
-        self._warn_of_drops()
-        self._warn_of_storage()
-        statuses = [self._input_status(), self._selection_status()]
+        self._log_count()
+        self._log_storage()
+        statuses = [self._input.report(), self._selection_status()]
         if self._settings['episodes_path']:
-            statuses.append(self._storage_status())
+            statuses.append(
+                selector_status.storage(
+                    self._status_name('storage'),
+                    self._settings['episodes_path'],
+                    self._saver,
+                    self._storage_error,
+                )
+            )
         self._diagnostics_publisher.publish(
             diagnostics.diagnostic_array(self.get_clock().now().to_msg(), *statuses)
         )
 
-    def _warn_of_incompatible_qos(self) -> None:
-        for topic, (policy, since) in list(self._new_incompatible.items()):
-            nodes = self._publishing_nodes(topic)
-            # The name of a node becomes known a little later than its publisher, if at all.
-            if any('_UNKNOWN_' in node for node in nodes) and time.monotonic() < since + _SILENCE:
-                continue
-            del self._new_incompatible[topic]
-            self._incompatible[topic] = (
-                f'a publisher of {topic} offers a QoS with which nothing can be received '
-                f'({policy}); publishers: {listed(nodes)}'
-            )
-            self.get_logger().warning(self._incompatible[topic])
+    def _log_count(self) -> None:
+        now, count, needed = time.monotonic(), len(self._buffer), self._settings['min_episodes']
+        if (
+            self._selection is None
+            and count > self._counted < needed
+            and (now > self._counted_at + _PROGRESS_PERIOD or count >= needed)
+        ):
+            self.get_logger().info(f'{min(count, needed)} of {needed} episodes')
+            self._counted_at, self._counted = now, count
 
-    def _warn_of_drops(self) -> None:
-        now = time.monotonic()
-        drops = self._assembler.dropped_messages + self._assembler.dropped_episodes
-        if drops == self._warned_drops or now < self._warned_at + _WARNING_PERIOD:
-            return
-        counts = ', '.join(f'{n} {cause}' for cause, n in (drops - self._warned_drops).items())
-        self.get_logger().warning(f'dropped {counts}; the last: {self._assembler.last_drop}')
-        self._warned_at, self._warned_drops = now, drops
-
-    def _warn_of_storage(self) -> None:
+    def _log_storage(self) -> None:
         if self._saver is not None and (self._saver.num_saves or self._saver.error):
             self._storage_error = self._saver.error
         if self._storage_error not in ('', self._warned_storage):
             self.get_logger().error(self._storage_error)
         self._warned_storage = self._storage_error
 
-    def _input_status(self):
-        assembler = self._assembler
-        now = time.monotonic()
-        silence = {topic: now - last for topic, last in self._last_at.items()}
-        recently_warned = now - self._warned_at < 2 * _WARNING_PERIOD
-        rivals = [topic for topic in self._inputs if len(self._publishing_nodes(topic)) > 1]
-        if self._incompatible and max(silence.values()) > _SILENCE:
-            level, message = diagnostics.WARN, '; '.join(self._incompatible.values())
-        elif silence['state'] == math.inf:
-            level, message = diagnostics.WARN, 'no state has come yet'
-        elif silence['state'] > _SILENCE:
-            level, message = diagnostics.STALE, f'no state for {silence["state"]:.0f} s'
-        elif silence['reward'] > _SILENCE:
-            level, message = diagnostics.WARN, f'states come, but no reward for {_SILENCE:.0f} s'
-        elif rivals:
-            level = diagnostics.WARN
-            message = (
-                f'more than one node publishes {listed(rivals)}, so that episodes may be mixed: '
-                f'{listed(self._publishing_nodes(rivals[0]))}'
-            )
-        elif recently_warned:
-            level, message = diagnostics.WARN, f'dropping; the last: {assembler.last_drop}'
-        else:
-            level, message = diagnostics.OK, 'collecting'
-        values = {
-            'episodes': len(self._buffer),
-            'steps': self._buffer.num_steps,
-            'buffer bytes': self._buffer.nbytes,
-            'buffer bytes allowed': self._buffer.max_bytes,
-            'transitions': assembler.num_transitions,
-            'unpaired messages': assembler.num_pending,
-            'episodes cut': assembler.num_cut,
-            **{f'messages dropped: {k}': n for k, n in assembler.dropped_messages.items()},
-            **{f'episodes dropped: {k}': n for k, n in assembler.dropped_episodes.items()},
-        }
-        return diagnostics.status(f'{self._status_name}: input', level, message, values)
+    def _status_name(self, what: str) -> str:
+        return f'{self.get_fully_qualified_name().lstrip("/")}: {what}'
 
     def _selection_status(self):
-        selection = self._selection
-        values = {
-            'worker': 'computing' if self._queue.busy else 'idle',
-            'worker pid': self._queue.worker_pid or 'none',
-            'computing for s': f'{self._queue.running_for:.1f}',
-            'parameters': json.dumps(self._settings),
-        }
+        names = (*(self._channel_names or ()), 'the reward')
         changed = [] if self._drift is None else self._drift.changed()
-        if selection is not None:
-            values |= {
-                'names': listed(selection.names),
-                'indices': listed([str(index) for index in selection.indices]),
-                'age in s': f'{time.monotonic() - self._selected_at:.0f}',
-                'episodes used': selection.episodes,
-                'seconds taken': f'{selection.seconds:.2f}',
-                'states without a selected channel': self._filter.num_lacking,
-            }
-        if self._last_error:
-            level, message = diagnostics.ERROR, self._last_error
-        elif selection is None:
-            level = diagnostics.OK
-            message = (
-                f'no selection yet; {len(self._buffer)} episodes of at least '
-                f'{self._settings["min_episodes"]}'
-            )
-        elif self._filter.is_lacking:
-            level, message = diagnostics.WARN, 'the newest state lacks a selected channel'
-        elif changed:
-            names = (*self._assembler.channel_names, 'the reward')
-            level = diagnostics.WARN
-            message = (
-                'the data have changed since the selection: '
-                f'{listed([names[channel] for channel in changed])}'
-            )
-        else:
-            level, message = diagnostics.OK, f'selected {values["names"]}'
-        return diagnostics.status(f'{self._status_name}: selection', level, message, values)
-
-    def _storage_status(self):
-        values = {'path': self._settings['episodes_path']}
-        if self._saver is not None:
-            values |= {
-                'saves': self._saver.num_saves,
-                'file bytes': self._saver.nbytes,
-                'seconds of the last save': f'{self._saver.seconds:.3f}',
-            }
-        level = diagnostics.ERROR if self._storage_error else diagnostics.OK
-        message = self._storage_error or 'saving'
-        return diagnostics.status(f'{self._status_name}: storage', level, message, values)
+        return selector_status.selection(
+            self._status_name('selection'),
+            self._selection,
+            queue=self._queue,
+            state_filter=self._filter,
+            changed=[names[channel] for channel in changed],
+            age=time.monotonic() - self._selected_at,
+            error=self._last_error,
+            episodes=len(self._buffer),
+            settings=self._settings,
+        )

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from math import inf, isnan
+
+from cmifs_ros.collect.state_reader import listed
 from cmifs_ros.core import CRITERIA, DIRECTIONS
 from cmifs_ros.core.selection import METHODS
 
@@ -9,6 +13,8 @@ from .parameters import Spec
 
 #: Least selection_period in seconds, unless it is 0.
 LEAST_PERIOD = 0.1
+
+MEGABYTE = 1_000_000
 
 PARAMETERS = (
     Spec('method', 'conditional_mi',
@@ -31,6 +37,17 @@ PARAMETERS = (
     Spec('max_buffer_mb', 256,
          'Memory of the episodes kept, in units of 10^6 bytes; the oldest leave first.',
          (1, 16_384)),
+    Spec('stamp_tolerance', 0.0,
+         'Seconds by which the stamps of a state and its reward may differ: less than half a step.',
+         (0, 1e3)),
+    Spec('fields', 'position',
+         'Fields of the states that are taken: "position,velocity,effort" or some of these.'),
+    Spec('inf_value', inf,
+         'Stands in the place of +inf in a state; inf: the greatest value of the channel so far.'),
+    Spec('max_hold_steps', 0,
+         'States in a row for which a channel that is nan keeps its last value.', (0, 1_000_000)),
+    Spec('restart_on_new_channels', False,
+         'Forget the episodes and begin anew when the states come with other channels.'),
     Spec('episodes_path', '',
          'File that brings the episodes and the selection back after a restart; empty: none.',
          read_only=True),
@@ -55,16 +72,55 @@ SELECTION_PARAMETERS = {
 }  # fmt: skip
 
 
-def check_parameters(values: dict) -> None:
-    """Raise ValueError if the parameters cannot be used together."""
+#: Fields of a joint state.
+FIELDS = ('position', 'velocity', 'effort')
+
+
+def check_parameters(values: dict, channel_names: Sequence[str] | None = None) -> None:
+    """Raise ValueError if the parameters cannot be used together, or with the channels."""
     if 0 < values['selection_period'] < LEAST_PERIOD:
         raise ValueError(
             f'selection_period is {values["selection_period"]:g}; expected 0 or at least '
             f'{LEAST_PERIOD} s'
         )
-    parse_sensor_groups(values['sensor_groups'])
+    if isnan(values['inf_value']):
+        raise ValueError('inf_value is nan; expected a number or inf')
+    parse_fields(values['fields'])
+    groups = parse_sensor_groups(values['sensor_groups'])
+    target = []
     if values['kdr_target'] or values['method'] == 'kdr':
-        parse_kdr_target(values['kdr_target'])
+        target = parse_kdr_target(values['kdr_target'])
+    if channel_names is None:
+        return
+    grouped = [channel for members in groups.values() for channel in members]
+    for parameter, channels in (('sensor_groups', grouped), ('kdr_target', target)):
+        unknown = [channel for channel in channels if channel not in channel_names]
+        if unknown:
+            raise ValueError(
+                f'{parameter} names channel {unknown[0]!r}; expected some of '
+                f'{listed(channel_names)}'
+            )
+    num_sensors = len(channel_names) - len(set(grouped)) + len(groups)
+    if values['num_features'] > num_sensors:
+        raise ValueError(
+            f'num_features is {values["num_features"]}; expected at most {num_sensors}, the number '
+            'of sensors, or 0'
+        )
+
+
+def parse_fields(text: str) -> list[str]:
+    """Return the fields of "position, velocity" as ['position', 'velocity'].
+
+    Raises
+    ------
+    ValueError
+        If there is none, one comes twice or is no field of a joint state.
+
+    """
+    fields = [field.strip() for field in text.split(',')]
+    if not set(fields) <= set(FIELDS) or len(set(fields)) < len(fields):
+        raise ValueError(f'fields is {text!r}; expected distinct ones of {", ".join(FIELDS)}')
+    return fields
 
 
 def parse_sensor_groups(text: str) -> dict[str, list[str]]:
@@ -104,3 +160,21 @@ def parse_kdr_target(text: str) -> list[str]:
             'directly, distinct, as in "x,y"'
         )
     return channels
+
+
+def selector_settings(values: dict) -> dict:
+    """Return the settings of the selector of `values['method']`."""
+    settings = {
+        'num_features': values['num_features'] or None,
+        'direction': values['direction'],
+        'groups': parse_sensor_groups(values['sensor_groups']),
+        'random_state': values['random_state'],
+    }
+    if values['method'] == 'kdr':
+        return settings | {'target': parse_kdr_target(values['kdr_target'])}
+    return settings | {
+        'gamma': values['gamma'],
+        'criterion': values['criterion'],
+        'standardize': values['standardize'],
+        'max_time_bins': values['max_time_bins'] or None,
+    }

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import secrets
+
 import numpy as np
 from nav_msgs.msg import OccupancyGrid
 from rclpy.node import Node
@@ -23,8 +25,8 @@ PARAMETERS = (
     Spec('scenario', 'without_gravel', 'The world; a change takes effect at the next episode.',
          choices=SCENARIOS),
     Spec('rate', 20.0, 'Steps per second.', (0.01, 10_000)),
-    Spec('seed', 0, 'Seed of the world and the policy; a change starts a new sequence of '
-         'episodes at the next one.', (0, 2**31 - 1)),
+    Spec('seed', -1, 'Seed of the world and the policy, -1 draws one; a change starts a new '
+         'sequence of episodes at the next one.', (-1, 2**31 - 1)),
     Spec('num_episodes', 0, 'Episodes to publish; 0 never ends.', (0, 2**31 - 1)),
     Spec('wait_for_subscribers', True,
          'Begin only when somebody subscribes to both state and reward, so that none is lost.'),
@@ -94,12 +96,14 @@ class SimulatorNode(Node):
                 self.get_logger().info(f'published {self._episode + 1} episodes')
             return False
         if self._world is None:
-            world_seed, policy_seed = np.random.SeedSequence(self._settings['seed']).spawn(2)
+            seed = self._settings['seed']
+            if seed < 0:
+                seed = secrets.randbelow(2**31)
+            world_seed, policy_seed = np.random.SeedSequence(seed).spawn(2)
             self._world = GridWorld(self._settings['scenario'], seed=world_seed)
             self._policy_rng = np.random.default_rng(policy_seed)
             self.get_logger().info(
-                f'{self._world.scenario}, seed {self._settings["seed"]}, '
-                f'{self._settings["rate"]:g} steps/s'
+                f'{self._world.scenario}, seed {seed}, {self._settings["rate"]:g} steps/s'
             )
         self._running = self._world
         self._names = self._world.channel_names

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import ctypes
 import multiprocessing
 import os
 import signal
+import sys
 import threading
 from collections.abc import Callable
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing.connection import wait
+
+#: In a worker process, the share `done` of its job, which its parent reads.
+_shared: dict[str, ctypes.c_double] = {}
 
 
 class WorkerProcess:
@@ -25,6 +30,13 @@ class WorkerProcess:
         self._pool: ProcessPoolExecutor | None = None
         self._process: multiprocessing.process.BaseProcess | None = None
         self._future: Future | None = None
+        self._context = multiprocessing.get_context('spawn')
+        self._done = self._context.RawValue('d')
+
+    @property
+    def progress(self) -> float:
+        """Share of the newest job that is done, from 0 to 1, as far as it told."""
+        return self._done.value
 
     @property
     def busy(self) -> bool:
@@ -80,10 +92,15 @@ class WorkerProcess:
         self._pool = self._process = self._future = None
 
     def _submit(self, function: Callable, *args) -> Future:
+        self._done.value = 0.0
         if self._pool is not None:
             return self._pool.submit(function, *args)
+        # A worker is killed, and Python's tracker then removes what it shared, which is no news.
+        quiet = 'ignore:resource_tracker:UserWarning'
+        if quiet not in sys.warnoptions:
+            sys.warnoptions.append(quiet)
         self._pool = ProcessPoolExecutor(
-            1, mp_context=multiprocessing.get_context('spawn'), initializer=_prepare
+            1, mp_context=self._context, initializer=_prepare, initargs=(self._done,)
         )
         others = set(multiprocessing.active_children())
         # The child inherits the mask: Ctrl-C reaches the whole terminal group, and a worker
@@ -98,7 +115,13 @@ class WorkerProcess:
         return future
 
 
-def _prepare() -> None:
+def report_progress(fraction: float) -> None:
+    """Tell the parent of this worker process what share of the job is done."""
+    _shared['done'].value = fraction
+
+
+def _prepare(done: ctypes.c_double) -> None:
+    _shared['done'] = done
     for library in ('OPENBLAS', 'MKL', 'OMP', 'BLIS'):  # Read when NumPy is first imported.
         os.environ[f'{library}_NUM_THREADS'] = '1'
     os.nice(5)

@@ -1,7 +1,10 @@
-"""How the commands that compute for long end: errors and interruption are one sentence each."""
+"""How the commands begin and end: errors and interruption are one sentence each, or silence."""
 
 from __future__ import annotations
 
+import importlib
+import multiprocessing
+import os
 import signal
 import sys
 from collections.abc import Callable
@@ -12,18 +15,51 @@ class StudyError(RuntimeError):
     """The study cannot go on; the message says why."""
 
 
+def start(module: str) -> int:
+    """Run `main` of a module; return the exit code.
+
+    Its imports take a second or more: a signal meanwhile ends the process at once, in silence.
+    """
+    _on_signals(lambda number, _: os._exit(128 + number))
+    return importlib.import_module(module).main()
+
+
+def demo() -> int:
+    """Run the demo."""
+    return start('cmifs_ros.tools.demo')
+
+
+def downstream() -> int:
+    """Run the downstream node."""
+    return start('cmifs_ros.tools.downstream')
+
+
 def exit_code(program: str, run: Callable[[], None], what_then: str = 'nothing is kept') -> int:
     """Run a study and return the exit code; `what_then` says what an interruption leaves."""
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))
+    signals = []
+
+    def interrupt(number, _):
+        signals.append(number)
+        # A process that is still being imported would complain of what it no longer reaches.
+        for child in multiprocessing.active_children():
+            child.kill()
+        raise KeyboardInterrupt
+
+    _on_signals(interrupt)
     try:
         run()
     except StudyError as error:
         print(f'{program}: {error}', file=sys.stderr)
         return 1
-    except BrokenProcessPool:
-        print(f'{program}: a worker process died; {what_then}', file=sys.stderr)
-        return 1
-    except KeyboardInterrupt:
+    except (BrokenProcessPool, KeyboardInterrupt):
+        if not signals:
+            print(f'{program}: a worker process died; {what_then}', file=sys.stderr)
+            return 1
         print(f'\n{program}: interrupted; {what_then}')
-        return 128 + signal.SIGINT
+        return 128 + signals[0]
     return 0
+
+
+def _on_signals(handler: Callable) -> None:
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, handler)

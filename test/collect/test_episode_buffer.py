@@ -48,3 +48,14 @@ def test_buffer_is_bounded_in_memory_too():
     assert [e.states[0, 0] for e in buffer.snapshot()] == [3]
     with pytest.raises(ValueError, match='max_bytes is 0'):
         buffer.max_bytes = 0
+
+
+def test_the_same_episode_again_is_counted_and_not_kept_while_it_is_held():
+    buffer = EpisodeBuffer(max_episodes=2)
+    assert buffer.append(episode(value=1))
+    assert not buffer.append(episode(value=1))
+    assert (len(buffer), buffer.num_repeated, buffer.num_steps) == (1, 1, 3)
+    assert buffer.append(episode(value=2))
+    assert buffer.append(episode(value=3))
+    assert buffer.append(episode(value=1))
+    assert buffer.num_repeated == 1

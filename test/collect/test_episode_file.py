@@ -1,3 +1,4 @@
+import dataclasses
 import hashlib
 import json
 import os
@@ -24,8 +25,10 @@ from cmifs_ros.core.selection import Selection
 
 NAMES = ('a', 'b')
 SELECTION = Selection(
-    (1,), ('b',), ('b', 'a'), (0.5, 0.4), 20, 60, 1.25, (0.0, 1.0, 2.0), (1.0, 1.0, 1.0)
-)
+    (1,), ('b',), ('b', 'a'), (0.5, 0.4), 20, 60, 1.25, (0.0, 1.0, 2.0), (1.0, 1.0, 1.0),
+    ('confirmed', 'rejected'), (0.01, 0.8), ((-0.1, 0.0, 0.1), (-0.2, 0.0, 0.2)), (('b',), ('a',)),
+    (1.0, 0.25),
+)  # fmt: skip
 ENOUGH = {'max_episodes': 100, 'max_bytes': 10**6}
 
 
@@ -48,7 +51,7 @@ def wait_until(condition, seconds=10.0):
 
 def sealed(text, data=b''):
     """Return a file with the right checksum, whatever it says."""
-    content = b'cmifs_ros episodes 2\n' + text.encode() + b'\n' + data
+    content = b'cmifs_ros episodes 3\n' + text.encode() + b'\n' + data
     return content + hashlib.sha256(content).digest()
 
 
@@ -75,6 +78,31 @@ def test_what_was_written_is_read(tmp_path, data):
     assert len(got.episodes) == len(sent)
     assert all(map(same, got.episodes, sent))
     assert os.listdir(tmp_path) == ['episodes']
+
+
+def test_a_file_of_the_version_before_is_read_without_evidence(tmp_path):
+    fields = dataclasses.asdict(SELECTION)
+    for name in ('statuses', 'pvalues', 'null_scores', 'spoke_by', 'stability'):
+        del fields[name]
+    header = {'channels': NAMES, 'lengths': [], 'selection': fields, 'selected_at': 1.0}
+    content = b'cmifs_ros episodes 2\n' + json.dumps(header).encode() + b'\n'
+    path = tmp_path / 'episodes'
+    path.write_bytes(content + hashlib.sha256(content).digest())
+    found = episode_file.read(path, **ENOUGH).selection
+    assert (found.names, found.statuses, found.pvalues) == (('b',), (), ())
+
+
+@pytest.mark.parametrize(
+    ('field', 'value'),
+    [('statuses', ['sure', 'rejected']), ('pvalues', [0.1]), ('null_scores', [[1.0], [2.0]])],
+)
+def test_evidence_that_cannot_be_is_refused(tmp_path, field, value):
+    fields = dataclasses.asdict(SELECTION) | {field: value}
+    header = {'channels': NAMES, 'lengths': [], 'selection': fields, 'selected_at': 1.0}
+    path = tmp_path / 'episodes'
+    path.write_bytes(sealed(json.dumps(header)))
+    with pytest.raises(RefusedFileError, match='header that cannot be used'):
+        episode_file.read(path, **ENOUGH)
 
 
 def test_nothing_at_all_can_be_saved_too(tmp_path):
@@ -154,8 +182,8 @@ class Bomb:
         (b'', 'is no episodes file'),
         (b'%PDF-1.7 thesis', 'is no episodes file'),
         (pickle.dumps(Bomb()), 'is no episodes file'),
-        (b'cmifs_ros episodes 1\n{}\n', 'is of format version 1; expected 2'),
-        (b'cmifs_ros episodes 3\n', 'is of format version 3; expected 2'),
+        (b'cmifs_ros episodes 1\n{}\n', 'is of format version 1; expected 3'),
+        (b'cmifs_ros episodes 4\n', 'is of format version 4; expected 3'),
         (b'cmifs_ros episodes 2\n{"channels": []', 'is truncated'),
     ],
 )

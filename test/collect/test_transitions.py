@@ -116,7 +116,9 @@ def test_an_episode_with_a_lost_transition_is_dropped_and_counted(
     assert assembler.dropped_episodes == {episode_cause: 1}
     assert assembler.dropped_messages == ({message_cause: 1} if message_cause else {})
     assert assembler.num_pending == 0
-    assert assembler.last_drop
+    assert assembler.last_drops.keys() == ({message_cause} if message_cause else set()) | {
+        episode_cause
+    }
 
 
 @pytest.mark.parametrize('lost', [{2}, {5}])
@@ -156,7 +158,7 @@ def test_channels_are_matched_by_name():
         (('a', 'a'), [1.0, 2.0], 'wrong_channels'),
         (('a', ''), [1.0, 2.0], 'wrong_channels'),
         (('a', 'b'), [1.0, np.nan], 'not_finite'),
-        (('b', 'a'), [np.inf, 1.0], 'not_finite'),
+        (('b', 'a'), [np.nan, 1.0], 'not_finite'),
     ],
 )
 def test_an_unusable_state_is_counted_and_disturbs_only_its_episode(names, values, cause):
@@ -291,6 +293,43 @@ def test_fields_may_come_and_go_without_harm():
     for episode in episodes:  # whatever they are, they are runs of what was sent
         np.testing.assert_array_equal(np.diff(episode.rewards), 1)
         np.testing.assert_array_equal(episode.states[:, 0], episode.rewards)
+
+
+def test_states_and_rewards_within_the_tolerance_belong_together():
+    transitions = stream([3, 2])
+    shifts = itertools.cycle([0, 3, -3])
+    messages = [
+        (kind, stamp if kind == 'state' else stamp + next(shifts), content)
+        for kind, stamp, content in lose(transitions)
+    ]
+    assembler = EpisodeAssembler(100)
+    assert deliver(assembler, messages) == []
+    assert assembler.nearest_state() == 3
+    tolerant = EpisodeAssembler(100)
+    tolerant.stamp_tolerance = 3
+    assert rewards(deliver(tolerant, messages)) == [[0, 1, 2], [3, 4]]
+    assert not tolerant.dropped_messages
+    assert tolerant.nearest_state() is None
+
+
+def test_equal_stamps_are_named_as_such():
+    assembler = EpisodeAssembler(100)
+    halved = [((n // 2 + 1) * 10, *rest) for n, (_, *rest) in enumerate(stream([4, 4]))]
+    assert feed(assembler, halved) == []
+    assert set(assembler.dropped_episodes) == {'equal_stamps'}
+    assert 'the same stamp' in assembler.last_drops['equal_stamps']
+    together = EpisodeAssembler(100)
+    for number in range(2):
+        together.add_state(10, NAMES, state_of(number))
+    assert together.dropped_messages == {'equal_stamps': 1}
+
+
+def test_step_zero_begins_an_episode_where_nothing_tells_of_ends():
+    episodes = feed(EpisodeAssembler(100), stream([3, 2, 4], fields=('step',)))
+    assert rewards(episodes) == [[0, 1, 2], [3, 4]]
+    marked = EpisodeAssembler(100)
+    transitions = stream([3, 2, 4], fields=('ends', 'step'))
+    assert rewards(feed(marked, transitions[:2] + transitions[3:])) == [[3, 4], [5, 6, 7, 8]]
 
 
 def test_clear_forgets_channels_and_what_is_open_but_not_the_counts():

@@ -3,6 +3,7 @@
 import json
 import os
 import signal
+import time
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64
 
 from cmifs_ros.collect.transitions import RewardSample
 from cmifs_ros.core import Episode
@@ -27,8 +29,8 @@ def episodes_of(states):
     return [Episode(s, s[:, 2]) for s in np.reshape(states, (-1, 3, 3))]
 
 
-def normal_episodes(count=24, offset=0.0):
-    return episodes_of(np.random.default_rng(0).normal(size=(count, 3, 3)) + offset)
+def normal_episodes(count=24, offset=0.0, seed=0):
+    return episodes_of(np.random.default_rng(seed).normal(size=(count, 3, 3)) + offset)
 
 
 @pytest.fixture
@@ -97,7 +99,7 @@ def test_publishers_come_and_go(selector, robot, make_robot):
     assert 'more than one node publishes state, reward' in again.diagnostics[INPUT][1]
     for publisher in (robot.state_publisher, robot.reward_publisher):
         robot.node.destroy_publisher(publisher)
-    stamp = again.publish_episodes(normal_episodes(2), NAMES, begin=stamp + 1)
+    stamp = again.publish_episodes(normal_episodes(2, seed=1), NAMES, begin=stamp + 1)
     again.wait_for_episodes(3)
     assert again.value('episodes dropped: lost_end') == 1
     again.publish_episodes(normal_episodes(2, offset=1.0), NAMES)  # time is set back
@@ -124,7 +126,7 @@ def test_simulated_time_is_only_shown_and_never_waited_for(start, robot):
             return received[-1].header.stamp.sec == now.clock.sec
 
         robot.until(is_shown)
-    robot.publish_episodes(normal_episodes(1), NAMES, begin=10**12)
+    robot.publish_episodes(normal_episodes(1, seed=1), NAMES, begin=10**12)
     robot.wait_for_episodes(25)
 
 
@@ -141,7 +143,9 @@ def test_a_reward_that_never_comes_is_told(selector, robot):
 
 
 def test_huge_and_constant_values_are_answered(selector, robot):
-    robot.publish_episodes(episodes_of(np.full((24, 3, 3), 1.5)), NAMES)
+    # Each of another length, as the same one again is not kept.
+    constant = [Episode(np.full((n, 3), 1.5), np.full(n, 1.5)) for n in range(2, 26)]
+    robot.publish_episodes(constant, NAMES)
     robot.wait_for_episodes(24)
     reply = robot.call(robot.select_client)
     assert not reply.success
@@ -159,28 +163,168 @@ def test_huge_and_constant_values_are_answered(selector, robot):
     assert 'Traceback' not in selector.output
 
 
-def test_a_publisher_with_an_incompatible_qos_is_warned_of_by_name(selector, robot):
-    lossy = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
-    publisher = robot.node.create_publisher(JointState, 'state', lossy)
-    robot.until(lambda: 'a publisher of state offers a QoS' in selector.output)
-    (line,) = [line for line in selector.output.splitlines() if 'offers a QoS' in line]
-    assert 'RELIABILITY' in line
-    assert '/robot' in line
-    robot.until(lambda: 'offers a QoS' in robot.diagnostics[INPUT][1])
+def test_publishers_at_best_effort_are_received(selector, robot, make_robot):
+    lossy = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)
+    robot.node.destroy_publisher(robot.state_publisher)
+    robot.state_publisher = robot.node.create_publisher(JointState, 'state', lossy)
+    episodes = iter(normal_episodes(1000))
+    stamp = 1
+
+    def arrived():
+        nonlocal stamp
+        stamp = robot.publish_episodes([next(episodes)], NAMES, begin=stamp)
+        return robot.value('episodes') >= 2
+
+    robot.until(arrived)
+    assert 'QoS' not in selector.output
+
+
+def test_publishers_of_another_type_are_named(selector, robot):
+    robot.node.destroy_publisher(robot.reward_publisher)
+    robot.node.create_publisher(Float64, 'reward', 10)
+    expected = 'reward comes from /robot as std_msgs/msg/Float64; expected sensor_msgs/msg/Joint'
+    robot.until(lambda: expected in robot.diagnostics[INPUT][1])
     assert robot.diagnostics[INPUT][0] == WARN
-    robot.node.destroy_publisher(publisher)
-    robot.publish_episodes(normal_episodes(1), NAMES)
-    robot.wait_for_episodes(1)
+    robot.until(lambda: selector.output.count(expected) == 1)
+
+
+def test_stamps_that_differ_are_told_with_their_distance_and_may_be_tolerated(selector, robot):
+    stamp = 1_000_000_000
+    for episode in normal_episodes(2):
+        for step, (state, reward) in enumerate(zip(episode.states, episode.rewards, strict=True)):
+            robot.publish_state(stamp + 1_000_000, NAMES, state)
+            robot.publish_reward(stamp, RewardSample(reward, False, step == 2, 0, step))
+            stamp += 50_000_000
+    begin = time.monotonic()
+    robot.until(lambda: 'the nearest is 1 ms away' in robot.diagnostics[INPUT][1])
+    assert time.monotonic() < begin + 5
+    assert robot.diagnostics[INPUT][0] == WARN
+    assert 'stamp_tolerance' in selector.output
+    robot.call(robot.clear_client)
+    assert robot.set_parameter('stamp_tolerance', 0.002).successful
+    for episode in normal_episodes(2):
+        for step, (state, reward) in enumerate(zip(episode.states, episode.rewards, strict=True)):
+            robot.publish_state(stamp + 1_000_000, NAMES, state)
+            robot.publish_reward(stamp, RewardSample(reward, False, step == 2, 0, step))
+            stamp += 50_000_000
+    robot.wait_for_episodes(2)
+
+
+def test_an_episode_that_comes_again_is_counted_and_not_kept(selector, robot):
+    stamp = 1
+    for loop in range(3):
+        stamp = robot.publish_episodes(normal_episodes(5), NAMES, begin=stamp)
+        robot.until(lambda loop=loop: robot.value('episodes repeated') == 5 * loop)
+    assert robot.value('episodes') == 5
+    assert selector.output.count('is a bag played in a loop') == 1
+
+
+def test_parts_of_a_state_on_one_topic_are_told_with_the_remedy(selector, robot):
+    for stamp in range(1, 20, 2):
+        robot.publish_state(stamp, ['arm'], [0.0])
+        robot.publish_state(stamp + 1, ['gripper'], [0.0])
+    robot.until(lambda: 'states of different channels take turns' in robot.diagnostics[INPUT][1])
+    assert 'sampler' in selector.output
+
+
+@pytest.mark.parametrize('restart', [False, True])
+def test_a_robot_with_other_channels_begins_anew_if_wished_and_else_is_told_how(
+    start, robot, restart
+):
+    node = start('selector_node', selection_period=0.0, restart_on_new_channels=restart)
+    robot.wait_for_selector()
+    stamp = robot.publish_episodes(normal_episodes(2), NAMES)
+    robot.wait_for_episodes(2)
+    others = normal_episodes(20, seed=1)
+    stamp = robot.publish_episodes(others, ('d', 'e', 'f'), begin=stamp)
+    if restart:
+        robot.until(lambda: robot.value('episodes') > 2)
+        assert 'restart_on_new_channels' in node.output
+        return
+    robot.until(lambda: '~/clear_episodes' in robot.diagnostics[INPUT][1])
+    assert '~/clear_episodes' in node.output
+    assert '~/clear_episodes' in json.loads(robot.call(robot.select_client).message)['error']
+
+
+def test_velocities_are_taken_and_passed_on_by_name(start, robot):
+    start('selector_node', selection_period=0.0, fields='position,velocity')
+    robot.wait_for_selector()
+    msg = JointState(name=['wheel'], position=[1.0], velocity=[2.0])
+    robot.state_publisher.publish(msg)
+    robot.until(lambda: robot.selected)
+    assert list(robot.selected[0].name) == ['wheel', 'wheel.velocity']
+    assert robot.selected[0].position.tolist() == [1.0, 2.0]
+
+
+def test_states_of_velocities_alone_name_the_remedy(selector, robot):
+    robot.state_publisher.publish(JointState(name=['wheel'], velocity=[2.0]))
+    robot.until(lambda: 'set fields to velocity' in selector.output)
+
+
+def test_every_fifth_state_having_a_reward_is_no_reason_to_warn(selector, robot):
+    stamp = 1
+    for number, episode in enumerate(normal_episodes(8)):
+        for step, (state, reward) in enumerate(zip(episode.states, episode.rewards, strict=True)):
+            for _ in range(4):
+                robot.publish_state(stamp, NAMES, state)
+                stamp += 1
+            robot.publish_state(stamp, NAMES, state)
+            robot.publish_reward(stamp, RewardSample(reward, False, step == 2, number, step))
+            stamp += 1
+    robot.wait_for_episodes(8)
+    assert robot.value('messages dropped: state_without_reward') >= 90
+    assert robot.diagnostics[INPUT][:2] == (OK, 'collecting')
+
+
+def test_whole_numbers_are_floats_and_unknown_parameters_named(start, robot):
+    node = start('selector_node', gamma=1, selection_perod=5, use_sim_time=False)
+    robot.wait_for_selector()
+    assert 'selection_perod; the name nearest to selection_perod is selection_period' in node.output
+    assert node.output.count('[WARN]') == 1
+    assert robot.set_parameter('selection_period', 5).successful
+    values = json.loads(robot.diagnostics[SELECTION][2]['parameters'])
+    assert values['gamma'] == 1.0
+    robot.until(
+        lambda: json.loads(robot.diagnostics[SELECTION][2]['parameters'])['selection_period'] == 5
+    )
+
+
+def test_a_selection_can_be_cancelled_and_the_next_one_works(selector, robot):
+    robot.publish_episodes(rollout('with_gravel', 40, seed=0), channel_names('with_gravel'))
+    robot.wait_for_episodes(40)
+    cancel = robot.node.create_client(robot.select_client.srv_type, 'selector/cancel')
+    robot.until(cancel.service_is_ready)
+    assert not robot.call(cancel).success
+    future = robot.select_client.call_async(robot.select_client.srv_type.Request())
+    robot.until(lambda: robot.diagnostics[SELECTION][2]['worker'] == 'computing')
+    assert robot.call(cancel).success
+    robot.until(future.done)
+    assert json.loads(future.result().message)['error'] == 'the selection was cancelled'
+    assert robot.set_parameter('num_features', 1).successful
+    assert robot.call(robot.select_client).success
+
+
+def test_whoever_waits_is_answered_when_the_node_ends(selector, robot):
+    robot.publish_episodes(rollout('with_gravel', 40, seed=0), channel_names('with_gravel'))
+    robot.wait_for_episodes(40)
+    assert robot.set_parameter('worker_threads', 2).successful
+    future = robot.select_client.call_async(robot.select_client.srv_type.Request())
+    robot.until(lambda: robot.diagnostics[SELECTION][2]['worker'] == 'computing')
+    robot.until(lambda: len(selector.children()) >= 4)
+    selector.end(signal.SIGINT, group=True)
+    robot.until(future.done)
+    assert 'shutting down' in json.loads(future.result().message)['error']
+    assert 'leaked' not in selector.output
 
 
 def test_data_that_have_changed_since_the_selection_turn_it_to_warn(selector, robot):
     stamp = robot.publish_episodes(normal_episodes(), NAMES)
     robot.wait_for_episodes(24)
     assert robot.call(robot.select_client).success
-    stamp = robot.publish_episodes(normal_episodes(30), NAMES, begin=stamp)
+    stamp = robot.publish_episodes(normal_episodes(30, seed=1), NAMES, begin=stamp)
     robot.wait_for_episodes(54)
     assert robot.diagnostics[SELECTION][0] == OK
-    stamp = robot.publish_episodes(normal_episodes(30, [0.0, 5.0, 0.0]), NAMES, begin=stamp)
+    stamp = robot.publish_episodes(normal_episodes(30, [0.0, 5.0, 0.0], seed=2), NAMES, begin=stamp)
     robot.until(lambda: robot.diagnostics[SELECTION][0] == WARN)
     assert robot.diagnostics[SELECTION][1] == 'the data have changed since the selection: b'
     assert robot.call(robot.select_client).success

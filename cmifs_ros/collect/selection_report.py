@@ -1,0 +1,62 @@
+"""A selection in words, and as the reply of the service: from plain values alone."""
+
+from __future__ import annotations
+
+import dataclasses
+
+from cmifs_ros.core.selection import Selection
+
+from .state_reader import listed
+
+NOTHING_SELECTED = 'no sensor tells anything about the return'
+_EVIDENCE = ('statuses', 'pvalues', 'null_scores', 'spoke_by', 'stability')
+
+
+def reply_of(selection: Selection) -> dict:
+    """Return the fields of a selection that its reader wants, without empty evidence."""
+    reply = dataclasses.asdict(selection)
+    del reply['means'], reply['spreads']
+    return {key: value for key, value in reply.items() if value or key not in _EVIDENCE}
+
+
+def is_tentative(selection: Selection) -> bool:
+    """Tell whether something is selected and nothing of it confirmed."""
+    return bool(selection.indices and selection.statuses and 'confirmed' not in selection.statuses)
+
+
+def headline(selection: Selection) -> str:
+    """Return the result in a few words."""
+    if not selection.indices:
+        return NOTHING_SELECTED
+    if is_tentative(selection):
+        best = f'{selection.episodes} episodes, best so far {listed(selection.ranking[:1])}'
+        return best + (f', p = {selection.pvalues[0]:.2g}' if selection.pvalues else '')
+    return f'selected {listed(selection.names)}'
+
+
+def evidence(selection: Selection) -> str:
+    """Return what the result rests on: sizes, scores or p-values, and what was rejected."""
+    numbers = selection.pvalues or selection.scores
+    what, form = ('p ', '.2g') if selection.pvalues else ('', '.3f')
+    statuses = selection.statuses or ('',) * len(selection.ranking)
+    shown, rejected = [], []
+    for name, number, status in zip(selection.ranking, numbers, statuses, strict=True):
+        if status == 'rejected':
+            rejected.append(name)
+        else:
+            shown.append(f'{name} ({what}{number:{form}})')
+    return (
+        listed(shown)
+        + (f'; rejected {listed(rejected)}' if rejected else '')
+        + f'; {selection.episodes} episodes, {selection.steps} steps, {selection.seconds:.1f} s'
+    )
+
+
+def is_news(selection: Selection, previous: Selection | None) -> bool:
+    """Tell whether a selection says something else than the one before."""
+    if previous is None:
+        return True
+    return (set(selection.names), is_tentative(selection)) != (
+        set(previous.names),
+        is_tentative(previous),
+    )

@@ -1,0 +1,170 @@
+"""States to the values of known channels, in one order and all of them finite."""
+
+from __future__ import annotations
+
+from array import array
+from collections import Counter
+from collections.abc import Callable, Sequence
+from math import inf, isfinite, isinf, isnan
+
+import numpy as np
+
+#: Greatest number of channels, and of characters of a name.
+MAX_CHANNELS = 4096
+MAX_NAME_LENGTH = 256
+
+
+class StateReader:
+    """Take states by the names of their channels; those of the first usable state are the known.
+
+    An infinite value is a reading out of range, as a lidar gives it (REP 117): in the place of
+    +inf stands `inf_value`, of -inf the least value that the channel had so far. A NaN is a gap:
+    the value before it is held for up to `max_hold_steps` states, and then the state is of no use.
+
+    Parameters
+    ----------
+    drop : callable
+        Called with the cause and a sentence for each state that is of no use.
+
+    Attributes
+    ----------
+    channel_names : tuple of str or None
+        Later states must carry the same ones, in any order.
+    max_hold_steps : int
+        States in a row for which a gap is bridged; 0: none.
+    inf_value : float
+        In the place of +inf; `inf` itself stands for the greatest value of the channel so far.
+    num_states : int
+        States with the known channels.
+    gaps : collections.Counter
+        How many of these had no usable value, by channel.
+    foreign : list of str
+        The channels of the newest state, if they are not the known ones, and else empty.
+    last_foreign : list of str
+        The channels by which the last such state differed.
+    num_switches : int
+        How often such a state came after one with the known channels.
+
+    """
+
+    def __init__(self, drop: Callable[[str, str], None]):
+        self._drop = drop
+        self.max_hold_steps = 0
+        self.inf_value = inf
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget the channels and all that was counted of them."""
+        self.channel_names: tuple[str, ...] | None = None
+        self.num_states = 0
+        self.gaps: Counter[str] = Counter()
+        self.foreign: list[str] = []
+        self.last_foreign: list[str] = []
+        self.num_switches = 0
+        self._layout: list[str] = []
+        self._columns: list[int] | None = None
+        self._last: array | None = None
+        self._held: Counter[int] = Counter()
+        self._bounds: tuple[np.ndarray, np.ndarray] | None = None
+
+    def read(self, names: list[str], values: array) -> array | None:
+        """Return the values in the order of the channels, or None if they cannot be used."""
+        if len(names) != len(values) or not names:
+            self._drop('wrong_length', f'a state has {len(values)} values for {len(names)} names')
+            return None
+        if names != self._layout and not self._learn_layout(names):
+            return None
+        self.foreign = []
+        if self._columns is not None:
+            values = array('d', [values[column] for column in self._columns])
+        self.num_states += 1
+        # One value that is not finite makes the sum so; finite ones do only if they are huge.
+        if not isfinite(sum(values)) and not all(map(isfinite, values)):
+            values = self._mended(names, values)
+            if values is None:
+                return None
+        else:
+            self._held.clear()
+            self._widen_bounds(values)
+        if self.channel_names is None:
+            self.channel_names = tuple(names)
+        self._last = values
+        return values
+
+    def _learn_layout(self, names: list[str]) -> bool:
+        """Take the names of a state whose successors mostly have the same, in the same order."""
+        columns = None
+        if self.channel_names is None:
+            problem = problem_of_names(names)
+            if problem:
+                self._drop('wrong_channels', f'a state has {problem}')
+                return False
+        elif tuple(names) != self.channel_names:
+            if len(names) != len(self.channel_names) or set(names) != set(self.channel_names):
+                odd = sorted(set(names) ^ set(self.channel_names)) or ['a repeated name']
+                self.num_switches += not self.foreign
+                self.foreign, self.last_foreign = names, odd
+                self._drop(
+                    'wrong_channels',
+                    f'a state differs from the {len(self.channel_names)} known channels '
+                    f'by {listed(odd)}',
+                )
+                return False
+            column_of = {name: column for column, name in enumerate(names)}
+            columns = [column_of[name] for name in self.channel_names]
+        self._layout, self._columns = names, columns
+        return True
+
+    def _mended(self, names: Sequence[str], values: array) -> array | None:
+        names = self.channel_names or names
+        finite = np.array(values)
+        finite[~np.isfinite(finite)] = np.nan
+        self._widen_bounds(finite)
+        least, greatest = self._bounds
+        mended, gaps = array('d', values), []
+        for channel, value in enumerate(values):
+            if value == inf:
+                mended[channel] = greatest[channel] if self.inf_value == inf else self.inf_value
+            elif value == -inf:
+                mended[channel] = least[channel]
+            if isnan(mended[channel]):
+                gaps.append(channel)
+                self.gaps[names[channel]] += 1
+        self._held = Counter({channel: self._held[channel] + 1 for channel in gaps})
+        for channel in gaps:
+            if self._last is None or self._held[channel] > self.max_hold_steps:
+                share = self.gaps[names[channel]] / self.num_states
+                remedy = 'inf_value' if isinf(values[channel]) else 'max_hold_steps'
+                self._drop(
+                    'not_finite',
+                    f'channel {listed([names[channel]])} is {values[channel]}, as {share:.1%} of '
+                    f'its values so far ({remedy} can bridge it)',
+                )
+                return None
+            mended[channel] = self._last[channel]
+        return mended
+
+    def _widen_bounds(self, values) -> None:
+        if self._bounds is None:
+            self._bounds = np.array(values), np.array(values)
+        least, greatest = self._bounds
+        np.fmin(least, values, out=least)
+        np.fmax(greatest, values, out=greatest)
+
+
+def problem_of_names(names: Sequence[str]) -> str:
+    """Return what makes names unfit for channels, or nothing."""
+    if len(names) > MAX_CHANNELS:
+        return f'{len(names)} channels; expected at most {MAX_CHANNELS}'
+    if not all(0 < len(name) <= MAX_NAME_LENGTH for name in names):
+        return f'an empty name or one of more than {MAX_NAME_LENGTH} characters: {listed(names)}'
+    if len(set(names)) < len(names):
+        return f'repeated names: {listed(names)}'
+    return ''
+
+
+def listed(names: Sequence[str]) -> str:
+    """Return names as a text that stays short, however many and long they are."""
+    shown = [name if len(name) <= 32 else f'{name[:30]}..' for name in names[:8]]
+    more = [f'{len(names) - 8} more'] if len(names) > 8 else []
+    return ', '.join(shown + more)

@@ -1,0 +1,187 @@
+"""What comes into the selector: states and rewards, from whatever publishes them, to episodes."""
+
+from __future__ import annotations
+
+import math
+import time
+from array import array
+from collections.abc import Callable
+from functools import partial
+
+from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.node import Node
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Header
+
+from cmifs_ros.collect.episode_buffer import EpisodeBuffer
+from cmifs_ros.collect.input_watch import InputWatch, Topic
+from cmifs_ros.collect.reward_reader import RewardReader
+from cmifs_ros.collect.transitions import EpisodeAssembler, RewardSample
+from cmifs_ros.core import Episode
+
+from . import conversions, diagnostics
+from .following_subscription import FollowingSubscription
+from .selector_parameters import MEGABYTE, parse_fields
+
+#: States of other channels in a row after which a robot counts as started anew.
+_FOREIGN_IN_A_ROW = 10
+
+
+class SelectorInput:
+    """Receive states and rewards for a node, and join them to episodes.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+    settings : dict
+        The node's parameters by name, which follows their changes.
+    buffer : EpisodeBuffer
+        For what is said of it.
+    on_state : callable
+        Called with header, names and values of each state as it came.
+    on_episode : callable
+        Called with each whole episode.
+    on_channels : callable
+        Called when the channels have become known.
+    on_restart : callable
+        Called when states have had other channels for a while, if so wished: it has to `clear`.
+
+    Attributes
+    ----------
+    assembler : EpisodeAssembler
+
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        settings: dict,
+        buffer: EpisodeBuffer,
+        *,
+        on_state: Callable[[Header, list[str], array], None],
+        on_episode: Callable[[Episode], None],
+        on_channels: Callable[[], None],
+        on_restart: Callable[[], None],
+    ):
+        self._node, self._settings, self._buffer = node, settings, buffer
+        self._on_state, self._on_episode = on_state, on_episode
+        self._on_channels, self._on_restart = on_channels, on_restart
+        self.assembler = EpisodeAssembler(settings['max_episode_steps'])
+        self._watch = InputWatch(self.assembler, buffer)
+        self._reward_reader = RewardReader()
+        self._is_reward_announced = False
+        self._num_foreign = 0
+        self._last_at = {'state': -math.inf, 'reward': -math.inf}
+        self.apply()
+        self._subscriptions = {
+            topic: FollowingSubscription(
+                node, JointState, topic, callback, on_lost=partial(self._lost, topic)
+            )
+            for topic, callback in (('state', self._take_state), ('reward', self._take_reward))
+        }
+        names = [s.topic_name for s in self._subscriptions.values()]
+        node.get_logger().info(f'waiting for {" and ".join(names)}')
+
+    @property
+    def problem(self) -> str:
+        """What is wrong with the input, or nothing."""
+        found = self._watch.assessment
+        return '' if found.level == 'OK' else found.message
+
+    def apply(self) -> None:
+        """Take over the parameters."""
+        values, reader = self._settings, self.assembler.reader
+        self.assembler.max_episode_steps = values['max_episode_steps']
+        self.assembler.max_episode_bytes = values['max_buffer_mb'] * MEGABYTE
+        self.assembler.stamp_tolerance = round(values['stamp_tolerance'] * 1e9)
+        reader.max_hold_steps, reader.inf_value = values['max_hold_steps'], values['inf_value']
+        self._field_reader = conversions.FieldReader(parse_fields(values['fields']))
+
+    def report(self) -> DiagnosticStatus:
+        """Log what is new, and return what is to be said of the input once a second."""
+        now, assembler = time.monotonic(), self.assembler
+        topics = {
+            name: Topic(
+                now - self._last_at[name],
+                'sensor_msgs/msg/JointState',
+                subscription.publishers,
+                subscription.clashes,
+            )
+            for name, subscription in self._subscriptions.items()
+        }
+        for line in self._watch.look(now, topics):
+            self._node.get_logger().warning(line)
+        values = {
+            'episodes': len(self._buffer),
+            'steps': self._buffer.num_steps,
+            'buffer bytes': self._buffer.nbytes,
+            'buffer bytes allowed': self._buffer.max_bytes,
+            'transitions': assembler.num_transitions,
+            'unpaired messages': assembler.num_pending,
+            'episodes cut': assembler.num_cut,
+            'episodes repeated': self._buffer.num_repeated,
+            **{f'messages dropped: {k}': n for k, n in assembler.dropped_messages.items()},
+            **{f'episodes dropped: {k}': n for k, n in assembler.dropped_episodes.items()},
+            **{
+                f'gaps: {name}': f'{n} of {assembler.reader.num_states}'
+                for name, n in assembler.reader.gaps.most_common(8)
+            },
+        }
+        found = self._watch.assessment
+        name = f'{self._node.get_fully_qualified_name().lstrip("/")}: input'
+        return diagnostics.status(name, getattr(diagnostics, found.level), found.message, values)
+
+    def _take_state(self, msg: JointState) -> None:
+        self._last_at['state'] = time.monotonic()
+        try:
+            names, values = self._field_reader.read(msg)
+        except ValueError as error:
+            self.assembler.drop_message('unusable_state', f'in a state, {error}')
+            return
+        self._on_state(msg.header, names, values)
+        if self.assembler.reader.foreign and self._settings['restart_on_new_channels']:
+            self._num_foreign += 1
+            if self._num_foreign >= _FOREIGN_IN_A_ROW:
+                self._on_restart()
+        else:
+            self._num_foreign = 0
+        were_known = self.assembler.channel_names is not None
+        stamp = conversions.stamp_to_nanoseconds(msg.header.stamp)
+        for episode in self.assembler.add_state(stamp, names, values):
+            self._on_episode(episode)
+        if not were_known and self.assembler.channel_names is not None:
+            self._on_channels()
+
+    def _take_reward(self, msg: JointState) -> None:
+        self._last_at['reward'] = time.monotonic()
+        try:
+            sample = self._reward_reader.read(*conversions.named_values(msg))
+        except ValueError as error:
+            self.assembler.drop_message('malformed_reward', f'in a reward message, {error}')
+            return
+        if not self._is_reward_announced:
+            self._is_reward_announced = True
+            self._announce(sample)
+        stamp = conversions.stamp_to_nanoseconds(msg.header.stamp)
+        for episode in self.assembler.add_reward(stamp, sample):
+            self._on_episode(episode)
+
+    def _lost(self, topic: str, count: int) -> None:
+        self.assembler.drop_message(
+            f'lost_{topic}', f'{count} messages of {topic} on their way', count=count
+        )
+
+    def _announce(self, sample: RewardSample) -> None:
+        if not sample.marks_ends:
+            tells = [f'`{f}` changes' for f in ('episode',) if sample.episode is not None]
+            tells += ['`step` is 0 again'] if sample.step is not None else []
+            ends = f'where {" or ".join(tells)}, or' if tells else 'only'
+            self._node.get_logger().info(
+                'the reward messages carry neither `terminated` nor `truncated`: an episode is '
+                f'closed {ends} at max_episode_steps={self._settings["max_episode_steps"]}'
+            )
+        if sample.step is None:
+            self._node.get_logger().info(
+                'the reward messages carry no `step`: a lost state cannot be noticed, and the '
+                'first episode may lack its beginning'
+            )

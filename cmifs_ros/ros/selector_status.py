@@ -1,0 +1,102 @@
+"""What the selector says of its selection and its file on /diagnostics."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from math import inf
+
+from diagnostic_msgs.msg import DiagnosticStatus
+
+from cmifs_ros.collect.episode_saver import EpisodeSaver
+from cmifs_ros.collect.selection_report import headline
+from cmifs_ros.collect.state_filter import StateFilter
+from cmifs_ros.collect.state_reader import listed
+from cmifs_ros.core.selection import Selection
+
+from . import diagnostics
+from .selection_queue import SelectionQueue
+
+
+def selection(
+    name: str,
+    found: Selection | None,
+    *,
+    queue: SelectionQueue,
+    state_filter: StateFilter | None,
+    changed: Sequence[str],
+    age: float,
+    error: str,
+    episodes: int,
+    settings: dict,
+) -> DiagnosticStatus:
+    """Return the status of the selection.
+
+    Parameters
+    ----------
+    name : str
+        Of the status.
+    found : Selection or None
+        The one in use, which `state_filter` applies.
+    queue : SelectionQueue
+    state_filter : StateFilter or None
+    changed : sequence of str
+        What no longer looks as it did when it was made.
+    age : float
+        In seconds.
+    error : str
+        Why the last attempt failed, or empty.
+    episodes : int
+        Episodes that there are.
+    settings : dict
+        The node's parameters.
+
+    """
+    values = {
+        'worker': 'computing' if queue.busy else 'idle',
+        'worker pid': queue.worker_pid or 'none',
+        'computing for s': f'{queue.running_for:.1f}',
+        'progress': f'{queue.progress:.0%}',
+        'parameters': json.dumps({k: str(v) if v == inf else v for k, v in settings.items()}),
+    }
+    if found is not None:
+        values |= {
+            'names': listed(found.names),
+            'indices': listed([str(index) for index in found.indices]),
+            'age in s': f'{age:.0f}',
+            'episodes used': found.episodes,
+            'seconds taken': f'{found.seconds:.2f}',
+            'states without a selected channel': state_filter.num_lacking,
+        }
+        for field in ('statuses', 'pvalues', 'stability'):
+            shown = [
+                f'{sensor} {value if isinstance(value, str) else format(value, ".2g")}'
+                for sensor, value in zip(found.ranking, getattr(found, field), strict=False)
+            ]
+            values |= {field: listed(shown)} if shown else {}
+    if error:
+        level, message = diagnostics.ERROR, error
+    elif found is None:
+        level = diagnostics.OK
+        message = f'no selection yet; {episodes} episodes of at least {settings["min_episodes"]}'
+    elif state_filter.is_lacking:
+        level, message = diagnostics.WARN, 'the newest state lacks a selected channel'
+    elif changed:
+        level = diagnostics.WARN
+        message = f'the data have changed since the selection: {listed(changed)}'
+    else:
+        level, message = diagnostics.OK, headline(found)
+    return diagnostics.status(name, level, message, values)
+
+
+def storage(name: str, path: str, saver: EpisodeSaver | None, error: str) -> DiagnosticStatus:
+    """Return the status of the file of episodes; without a saver nothing is saved."""
+    values = {'path': path}
+    if saver is not None:
+        values |= {
+            'saves': saver.num_saves,
+            'file bytes': saver.nbytes,
+            'seconds of the last save': f'{saver.seconds:.3f}',
+        }
+    level = diagnostics.ERROR if error else diagnostics.OK
+    return diagnostics.status(name, level, error or 'saving', values)

@@ -1,0 +1,40 @@
+"""A selection in words."""
+
+import dataclasses
+
+from cmifs_ros.collect.selection_report import evidence, headline, is_news, is_tentative, reply_of
+from cmifs_ros.core.selection import Selection
+
+PLAIN = Selection((1,), ('b',), ('b', 'a'), (0.5, 0.4), 25, 60, 1.25, (0.0, 1.0), (1.0, 1.0))
+CONFIRMED = dataclasses.replace(PLAIN, statuses=('confirmed', 'rejected'), pvalues=(0.01, 0.8))
+TENTATIVE = dataclasses.replace(PLAIN, statuses=('tentative', 'rejected'), pvalues=(0.2, 0.8))
+
+
+def test_the_headline_says_what_is_sure_and_what_is_not():
+    assert headline(PLAIN) == 'selected b'
+    assert headline(CONFIRMED) == 'selected b'
+    assert headline(TENTATIVE) == '25 episodes, best so far b, p = 0.2'
+    nothing = dataclasses.replace(CONFIRMED, indices=(), names=())
+    assert headline(nothing) == 'no sensor tells anything about the return'
+    assert [is_tentative(s) for s in (PLAIN, CONFIRMED, TENTATIVE, nothing)] == [
+        False, False, True, False,
+    ]  # fmt: skip
+
+
+def test_the_evidence_is_p_values_where_there_are_some_and_else_scores():
+    assert evidence(PLAIN) == 'b (0.500), a (0.400); 25 episodes, 60 steps, 1.2 s'
+    assert evidence(CONFIRMED) == 'b (p 0.01); rejected a; 25 episodes, 60 steps, 1.2 s'
+
+
+def test_the_reply_has_no_empty_evidence_and_nothing_of_the_data():
+    assert set(reply_of(PLAIN)) == {
+        'indices', 'names', 'ranking', 'scores', 'episodes', 'steps', 'seconds',
+    }  # fmt: skip
+    assert reply_of(CONFIRMED)['pvalues'] == (0.01, 0.8)
+
+
+def test_news_is_another_set_or_another_certainty():
+    assert is_news(PLAIN, None)
+    assert not is_news(dataclasses.replace(PLAIN, scores=(0.6, 0.5)), PLAIN)
+    assert is_news(TENTATIVE, CONFIRMED)
+    assert is_news(dataclasses.replace(PLAIN, names=('a',)), PLAIN)

@@ -1,0 +1,45 @@
+"""Every installed command ends with a sentence or in silence, whenever it is told to."""
+
+import os
+import signal
+import subprocess
+import time
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip('rclpy', reason='ROS 2 is not here')
+from ament_index_python.packages import get_package_prefix
+from processes import group
+
+COMMANDS = 'demo', 'downstream', 'selector_node', 'simulator_node'
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize('loaded', ['_rclpy_pybind11', 'librcl_logging'])
+@pytest.mark.parametrize('command', COMMANDS)
+def test_a_signal_during_the_start_ends_it_without_a_traceback(tmp_path, command, loaded, number):
+    output = tmp_path / 'output'
+    with output.open('w') as file:
+        process = subprocess.Popen(
+            [Path(get_package_prefix('cmifs_ros'), 'lib', 'cmifs_ros', command)],
+            cwd=tmp_path,
+            env=os.environ | {'ROS_DOMAIN_ID': str(1 + os.getpid() % 100)},
+            stdout=file,
+            stderr=subprocess.STDOUT,
+            start_new_session=True,
+        )
+    maps = Path(f'/proc/{process.pid}/maps')
+    try:
+        deadline = time.monotonic() + 30
+        while loaded not in maps.read_text():
+            assert time.monotonic() < deadline
+        os.killpg(process.pid, number)
+        begin = time.monotonic()
+        process.wait(20)
+        assert time.monotonic() < begin + 4  # 2 s, and room for a busy machine
+    finally:
+        for pid in group(process.pid):
+            os.kill(pid, signal.SIGKILL)
+        process.wait()
+    assert 'Traceback' not in output.read_text()
