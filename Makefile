@@ -10,6 +10,7 @@ REFRESH ?=
 ACCURACY ?=
 ORACLE ?=
 LEARNING ?=
+LOOP ?=
 SOAK ?=
 unexport PYTHONDONTWRITEBYTECODE
 # Nothing leaves this machine.
@@ -34,7 +35,7 @@ ENTER := . $(VENV)/bin/activate && { [ ! -f install/setup.bash ] || . install/se
 # In the environment's own Python: a colcon outside of it would build for another one.
 COLCON := python -c 'import sys; from colcon_core.command import main; sys.exit(main())'
 
-.PHONY: help demo test soak paper benchmark growth refresh accuracy oracle learning lint build clean
+.PHONY: help demo test soak paper benchmark growth refresh accuracy oracle learning loop lint build clean
 
 help:
 	@echo 'make demo [SCENARIO=with_gravel]  see it at work: simulator, selector, downstream node'
@@ -47,7 +48,8 @@ help:
 	@echo "make accuracy [ACCURACY='--trials 6']  rank sums on many tasks from few episodes"
 	@echo "make oracle [ORACLE='--trials 6']  the same for one who knows all but one of the channels"
 	@echo "make learning [LEARNING='--trials 4']  what a learner gains by the selection: learning/"
-	@echo 'make clean                        remove everything that these made but reproduction/, growth/ and learning/'
+	@echo "make loop [LOOP='--trials 1']      a learner beside the selector, and without: loop/"
+	@echo 'make clean                        remove everything that these made but reproduction/, growth/, learning/ and loop/'
 
 demo: build
 	@$(ENTER) && exec install/cmifs_ros/lib/cmifs_ros/demo --scenario $(SCENARIO)
@@ -81,6 +83,9 @@ oracle: build
 
 learning: build
 	@$(ENTER) && exec python -m studies.learning.curves $(LEARNING)
+
+loop: build
+	@$(ENTER) && exec python -m studies.loop.closed_loop $(LOOP)
 
 lint: $(VENV)/ready
 	$(VENV)/bin/ruff check . && $(VENV)/bin/ruff format --check .
