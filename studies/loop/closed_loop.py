@@ -137,7 +137,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument(
         '--num-features', type=number_from(0), default=2, help='0: automatic (default 2)'
     )
-    parser.add_argument('--rate', type=float, default=200.0, help='steps per second (default 200)')
+    parser.add_argument('--rate', type=float, default=100.0, help='steps per second (default 100)')
     parser.add_argument(
         '--domain', type=number_from(0), default=int(os.environ.get('ROS_DOMAIN_ID', '80')),
         help='first of the ROS domains used (default ROS_DOMAIN_ID, else 80)',
