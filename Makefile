@@ -9,6 +9,8 @@ GROWTH ?=
 REFRESH ?=
 ACCURACY ?=
 ORACLE ?=
+LEARNING ?=
+LOOP ?=
 SOAK ?=
 unexport PYTHONDONTWRITEBYTECODE
 # Nothing leaves this machine.
@@ -33,7 +35,7 @@ ENTER := . $(VENV)/bin/activate && { [ ! -f install/setup.bash ] || . install/se
 # In the environment's own Python: a colcon outside of it would build for another one.
 COLCON := python -c 'import sys; from colcon_core.command import main; sys.exit(main())'
 
-.PHONY: help demo test soak paper benchmark growth refresh accuracy oracle lint build clean
+.PHONY: help demo test soak paper benchmark growth refresh accuracy oracle learning loop lint build clean
 
 help:
 	@echo 'make demo [SCENARIO=with_gravel]  see it at work: simulator, selector, downstream node'
@@ -45,7 +47,9 @@ help:
 	@echo "make refresh [REFRESH='--top 14']  what keeping the last selection's tuning would save"
 	@echo "make accuracy [ACCURACY='--trials 6']  rank sums on many tasks from few episodes"
 	@echo "make oracle [ORACLE='--trials 6']  the same for one who knows all but one of the channels"
-	@echo 'make clean                        remove everything that these made but reproduction/ and growth/'
+	@echo "make learning [LEARNING='--trials 4']  what a learner gains by the selection: learning/"
+	@echo "make loop [LOOP='--trials 1']      a learner beside the selector, and without: loop/"
+	@echo 'make clean                        remove everything that these made but reproduction/, growth/, learning/ and loop/'
 
 demo: build
 	@$(ENTER) && exec install/cmifs_ros/lib/cmifs_ros/demo --scenario $(SCENARIO)
@@ -76,6 +80,12 @@ accuracy: build
 
 oracle: build
 	@$(ENTER) && exec python -m studies.accuracy.oracle $(ORACLE)
+
+learning: build
+	@$(ENTER) && exec python -m studies.learning.curves $(LEARNING)
+
+loop: build
+	@$(ENTER) && exec python -m studies.loop.closed_loop $(LOOP)
 
 lint: $(VENV)/ready
 	$(VENV)/bin/ruff check . && $(VENV)/bin/ruff format --check .

@@ -44,6 +44,7 @@ setup(
             'downstream = cmifs_ros.tools.program:downstream',
             'selector_node = cmifs_ros.ros.run_node:selector_node',
             'simulator_node = cmifs_ros.ros.run_node:simulator_node',
+            'watch = cmifs_ros.tools.program:watch',
         ],
     },
 )

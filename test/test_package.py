@@ -16,6 +16,7 @@ KEYS = {
     'joblib': 'python3-joblib',
     'matplotlib': 'python3-matplotlib',
     'numpy': 'python3-numpy',
+    'rich': 'python3-rich',
     'scipy': 'python3-scipy',
     'tqdm': 'python3-tqdm',
 }

@@ -9,12 +9,12 @@ from nav_msgs.msg import OccupancyGrid
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Header
+from std_msgs.msg import Header, Int32
 from visualization_msgs.msg import MarkerArray
 
 from cmifs_ros.collect.transitions import RewardSample
 from cmifs_ros.sim import SCENARIOS, GridWorld, sample_action
-from cmifs_ros.sim.grid_world import WALLS
+from cmifs_ros.sim.grid_world import MOVES, WALLS
 
 from . import conversions
 from .parameters import Spec, declare
@@ -27,6 +27,9 @@ PARAMETERS = (
     Spec('rate', 20.0, 'Steps per second.', (0.01, 10_000)),
     Spec('seed', -1, 'Seed of the world and the policy, -1 draws one; a change starts a new '
          'sequence of episodes at the next one.', (-1, 2**31 - 1)),
+    Spec('policy', 'own', 'Who acts: its own policy, or whoever publishes `action` '
+         '(std_msgs/Int32: 0 up, 1 down, 2 left, 3 right); the newest one holds, and until one '
+         'comes its own policy acts.', choices=('own', 'topic')),
     Spec('num_episodes', 0, 'Episodes to publish; 0 never ends.', (0, 2**31 - 1)),
     Spec('wait_for_subscribers', True,
          'Begin only when somebody subscribes to both state and reward, so that none is lost.'),
@@ -45,6 +48,9 @@ class SimulatorNode(Node):
         self._reward_publisher = self.create_publisher(JointState, 'reward', stream)
         self._map_publisher = self.create_publisher(OccupancyGrid, 'map', latched)
         self._marker_publisher = self.create_publisher(MarkerArray, 'markers', 10)
+        self.create_subscription(Int32, 'action', self._on_action, 10)
+        self._action: int | None = None  # the newest of the topic
+        self._unpaid: Header | None = None  # of the state in which an action is waited for
         self._world: GridWorld | None = None
         self._state: np.ndarray | None = None  # None between episodes
         self._episode = -1
@@ -67,14 +73,36 @@ class SimulatorNode(Node):
         self._has_begun = self._has_begun or self._may_begin()
         if not self._has_begun:
             return
+        if self._unpaid is not None:  # The action had a period's time to come.
+            self._act(self._unpaid, self._choose_action())
         if self._state is None and not self._begin_episode():
             return
-        action = sample_action(self._state, self._policy_rng)
         header = self._header()
         self._state_publisher.publish(
             conversions.named_values_to_msg(header, self._names, self._state)
         )
         self._publish_markers(header)
+        if self._settings['policy'] == 'topic':
+            self._unpaid = header
+        else:
+            self._act(header, self._choose_action())
+
+    def _on_action(self, msg: Int32) -> None:
+        if msg.data in MOVES:
+            self._action = msg.data
+        else:
+            self.get_logger().warning(
+                f'action is {msg.data}; expected 0 (up), 1 (down), 2 (left), 3 (right)',
+                throttle_duration_sec=10.0,
+            )
+
+    def _choose_action(self) -> int:
+        if self._action is None or self._settings['policy'] != 'topic':
+            return sample_action(self._state, self._policy_rng)
+        return self._action
+
+    def _act(self, header: Header, action: int) -> None:
+        self._unpaid = None
         self._state, reward, terminated, truncated, _ = self._running.step(action)
         sample = RewardSample(reward, terminated, truncated, self._episode, self._step)
         self._reward_publisher.publish(conversions.reward_sample_to_msg(header, sample, action))

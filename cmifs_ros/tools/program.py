@@ -33,6 +33,11 @@ def downstream() -> int:
     return start('cmifs_ros.tools.downstream')
 
 
+def watch() -> int:
+    """Run the live view."""
+    return start('cmifs_ros.tools.watch')
+
+
 def exit_code(program: str, run: Callable[[], None], what_then: str = 'nothing is kept') -> int:
     """Run a study and return the exit code; `what_then` says what an interruption leaves."""
     signals = []

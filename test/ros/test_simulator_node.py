@@ -7,6 +7,7 @@ from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
+from std_msgs.msg import Int32
 from visualization_msgs.msg import MarkerArray
 
 from cmifs_ros.collect.reward_reader import RewardReader
@@ -120,3 +121,33 @@ def test_signals_end_it_cleanly(start, robot, number):
     assert code == 0
     assert seconds < 2
     assert 'Traceback' not in node.output
+
+
+def test_it_takes_actions_from_a_topic_and_pays_for_them(start, robot):
+    start('simulator_node', rate=100.0, seed=4, policy='topic')
+    listener = Listener(robot)
+    taken = []
+
+    def on_reward(msg):
+        taken.append(dict(zip(msg.name, msg.position, strict=True))['action'])
+
+    robot.node.create_subscription(JointState, 'reward', on_reward, QOS)
+    # Until an action comes its own policy acts, so that nobody waits for the other.
+    robot.until(lambda: 3.0 in taken)
+    publisher = robot.node.create_publisher(Int32, 'action', 10)
+    robot.until(publisher.get_subscription_count)
+    publisher.publish(Int32(data=2))
+    publisher.publish(Int32(data=7))  # It is no action, and changes nothing.
+    robot.until(lambda: len(taken) > 60 and set(taken[-60:]) == {2.0})
+    # Left of column 1 there is nothing: the robot stays, each state paired with its reward.
+    robot.until(lambda: len(listener.episodes) >= 8)
+    assert set(listener.episodes[-1].states[:, 0]) == {1.0}
+    assert not listener.assembler.dropped_messages
+
+
+def test_a_wrong_action_is_said_to_be_one(start, robot):
+    node = start('simulator_node', policy='topic', wait_for_subscribers=False)
+    publisher = robot.node.create_publisher(Int32, 'action', 10)
+    robot.until(publisher.get_subscription_count)
+    publisher.publish(Int32(data=-1))
+    robot.until(lambda: 'action is -1; expected 0 (up), 1 (down), 2 (left), 3' in node.output)

@@ -1,0 +1,220 @@
+"""A selection as one HTML page that needs no network: pictures inside, no scripts."""
+
+from __future__ import annotations
+
+import base64
+import io
+from collections.abc import Mapping, Sequence
+from html import escape
+from pathlib import Path
+
+import numpy as np
+
+from cmifs_ros.core import Episode
+from cmifs_ros.core.selection import Selection
+
+#: Sensors of the ranking, and channels beside the selected, that a picture can show legibly.
+MAX_SHOWN = 40
+_STATUS_COLORS = {'confirmed': '#1a7f37', 'tentative': '#b08800', 'rejected': '#8c959f'}
+_PLAIN_COLOR = '#0969da'
+_STYLE = """
+body { font: 16px/1.5 system-ui, sans-serif; max-width: 60rem; margin: 2rem auto; padding: 0 1rem;
+       color: #1f2328; overflow-wrap: break-word; }
+table { border-collapse: collapse; } td, th { padding: .2rem .8rem; text-align: left;
+       border-bottom: 1px solid #d1d9e0; } td.number { text-align: right; white-space: nowrap; }
+td.name { max-width: 16rem; }
+.confirmed { color: #1a7f37; } .tentative { color: #9a6700; } .rejected { color: #59636e; }
+img { max-width: 100%; } .note { color: #59636e; }
+"""
+
+
+def write_report(
+    folder: str | Path,
+    selection: Selection,
+    episodes: Sequence[Episode],
+    names: Sequence[str],
+    dropped: Mapping[str, int],
+) -> Path:
+    """Write a page about a selection and return its path, `folder`/index.html.
+
+    Parameters
+    ----------
+    folder : str or pathlib.Path
+        Made if it does not exist; a page that it holds is replaced.
+    selection : Selection
+    episodes : sequence of Episode
+        Those that the selection rests on.
+    names : sequence of str
+        Of the channels of the episodes.
+    dropped : mapping of str to int
+        How many messages, steps or episodes were dropped, by cause.
+
+    Raises
+    ------
+    ValueError
+        If there are no episodes, or they have another number of channels than there are names.
+    OSError
+        If the folder or the page cannot be written.
+
+    """
+    if not episodes:
+        raise ValueError('there are 0 episodes; expected those that the selection rests on')
+    if episodes[0].num_channels != len(names):
+        raise ValueError(
+            f'there are {len(names)} names; expected {episodes[0].num_channels}, '
+            'one for each channel of the episodes'
+        )
+    selected = ', '.join(selection.names) or 'nothing: no sensor tells anything about the return'
+    states = np.concatenate([episode.states for episode in episodes])
+    parts = [
+        f'<h1>Selected: {escape(selected)}</h1>',
+        f'<p>From {selection.episodes} episodes, {selection.steps} steps, '
+        f'{len(names)} channels, in {selection.seconds:.1f} s.</p>',
+        '<h2>Ranking</h2>',
+        _image(_draw_ranking(selection), 'score after each sensor of the ranking'),
+        _ranking_table(selection),
+        '<h2>Correlation of the selected with the other channels</h2>',
+        '<p class="note">Of the values at all steps. A channel that correlates with a selected '
+        'one may be left out because it says the same again.</p>',
+        _correlation(selection, states, names),
+        '<h2>Returns</h2>',
+        _image(_draw_returns(episodes), 'histogram of the returns'),
+        '<h2>Dropped</h2>',
+        _dropped_table(dropped),
+    ]
+    page = (
+        '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
+        '<meta name="viewport" content="width=device-width">\n'
+        f'<title>{escape(selected)}</title>\n<style>{_STYLE}</style>\n</head>\n<body>\n'
+        + '\n'.join(parts)
+        + '\n</body>\n</html>\n'
+    )
+    path = Path(folder, 'index.html')
+    path.parent.mkdir(parents=True, exist_ok=True)
+    # A name that came over the network may hold what no encoding has.
+    path.write_text(page, encoding='utf-8', errors='replace')
+    return path
+
+
+def _figure(width: float, height: float):
+    """Return a figure apart from pyplot: no window, no state, nothing to close."""
+    from matplotlib.figure import Figure
+
+    return Figure(figsize=(width, height), layout='constrained')
+
+
+def _image(figure, description: str) -> str:
+    stream = io.BytesIO()
+    figure.savefig(stream, format='png', dpi=100)
+    data = base64.b64encode(stream.getvalue()).decode('ascii')
+    return f'<img alt="{escape(description)}" src="data:image/png;base64,{data}">'
+
+
+def _label(name: str) -> str:
+    """Return a name as a picture can show it: short, no mathematics, no control characters."""
+    text = ''.join(c if c.isprintable() else '?' for c in name)
+    return (text if len(text) <= 24 else f'{text[:22]}..').replace('$', r'\$')
+
+
+def _draw_ranking(selection: Selection):
+    scores = selection.scores[:MAX_SHOWN]
+    places = np.arange(len(scores))
+    figure = _figure(9, 4)
+    axes = figure.subplots()
+    if selection.null_scores:
+        low, median, high = np.array(selection.null_scores[:MAX_SHOWN]).T
+        axes.fill_between(
+            places[: len(low)], low, high, color='0.85', step='mid',
+            label='a sensor that tells nothing: 5 % to 95 %',
+        )  # fmt: skip
+        axes.step(places[: len(low)], median, where='mid', color='0.6', label='its median')
+    axes.plot(places, scores, '-', color='0.4', zorder=2)
+    statuses = selection.statuses[:MAX_SHOWN] or ('',) * len(scores)
+    for status in dict.fromkeys(statuses):
+        here = [i for i, other in enumerate(statuses) if other == status]
+        color = _STATUS_COLORS.get(status, _PLAIN_COLOR)
+        axes.plot(
+            here, [scores[i] for i in here], 'o', color=color, zorder=3, label=status or 'score'
+        )
+    labels = [_label(name) for name in selection.ranking[:MAX_SHOWN]]
+    axes.set_xticks(places, labels, rotation=45, ha='right', rotation_mode='anchor')
+    axes.set_xlabel('sensor added')
+    axes.set_ylabel('score of all so far')
+    axes.legend()
+    return figure
+
+
+def _ranking_table(selection: Selection) -> str:
+    columns = ['', 'sensor', 'score with it']
+    columns += ['tells nothing: 5 %, median, 95 %'] if selection.null_scores else []
+    columns += ['p'] if selection.pvalues else []
+    columns += ['status'] if selection.statuses else []
+    columns += ['selected in'] if selection.stability else []
+    # Of a sensor with one channel that is no news.
+    is_grouped = any(
+        spoke != (n,) for n, spoke in zip(selection.ranking, selection.spoke_by, strict=False)
+    )
+    columns += ['channels that spoke'] if is_grouped else []
+    rows = [f'<tr>{"".join(f"<th>{name}</th>" for name in columns)}</tr>']
+    for i, (name, score) in enumerate(zip(selection.ranking, selection.scores, strict=True)):
+        cells = [_number(i + 1), f'<td class="name">{escape(name)}</td>', _number(f'{score:.3f}')]
+        if selection.null_scores:
+            cells.append(_number(', '.join(f'{null:.3f}' for null in selection.null_scores[i])))
+        if selection.pvalues:
+            cells.append(_number(f'{selection.pvalues[i]:.2g}'))
+        if selection.statuses:
+            status = escape(selection.statuses[i])
+            cells.append(f'<td class="{status}">{status}</td>')
+        if selection.stability:
+            cells.append(_number(f'{selection.stability[i]:.0%}'))
+        if is_grouped:
+            cells.append(f'<td class="name">{escape(", ".join(selection.spoke_by[i]))}</td>')
+        rows.append(f'<tr>{"".join(cells)}</tr>')
+    return f'<table>{"".join(rows)}</table>'
+
+
+def _number(value) -> str:
+    return f'<td class="number">{value}</td>'
+
+
+def _correlation(selection: Selection, states: np.ndarray, names: Sequence[str]) -> str:
+    selected = list(selection.indices)[:MAX_SHOWN]
+    with np.errstate(invalid='ignore', over='ignore', divide='ignore'):
+        centred = states - states.mean(axis=0)
+        scaled = np.nan_to_num(centred / np.sqrt((centred**2).sum(axis=0)))
+        correlation = scaled[:, selected].T @ scaled
+    others = [c for c in range(len(names)) if c not in selection.indices]
+    if not selected or not others:
+        return '<p>There are no two kinds to compare.</p>'
+    # Of many, those that resemble a selected one most.
+    likeness = np.abs(correlation[:, others]).max(axis=0)
+    others = [others[i] for i in np.argsort(-likeness, kind='stable')[:MAX_SHOWN]]
+    figure = _figure(9, 1.6 + 0.35 * len(selected))
+    axes = figure.subplots()
+    image = axes.imshow(correlation[:, others], cmap='RdBu', vmin=-1, vmax=1, aspect='auto')
+    axes.set_xticks(
+        range(len(others)), [_label(names[c]) for c in others], rotation=45, ha='right',
+        rotation_mode='anchor',
+    )  # fmt: skip
+    axes.set_yticks(range(len(selected)), [_label(names[c]) for c in selected])
+    figure.colorbar(image, label='correlation')
+    return _image(figure, 'correlation of the selected with the other channels')
+
+
+def _draw_returns(episodes: Sequence[Episode]):
+    returns = [float(episode.rewards.sum()) for episode in episodes]
+    figure = _figure(9, 3)
+    axes = figure.subplots()
+    axes.hist(returns, bins=min(30, max(5, len(returns) // 4)), color=_PLAIN_COLOR)
+    axes.set_xlabel('return (sum of the rewards of an episode)')
+    axes.set_ylabel('episodes')
+    return figure
+
+
+def _dropped_table(dropped: Mapping[str, int]) -> str:
+    rows = [
+        f'<tr><td>{escape(cause)}</td>{_number(count)}</tr>'
+        for cause, count in dropped.items()
+        if count
+    ]
+    return f'<table>{"".join(rows)}</table>' if rows else '<p>Nothing was dropped.</p>'

@@ -1,0 +1,128 @@
+"""A live view of a selector in the terminal: its input, its selection, and on what evidence."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import signal
+import sys
+import time
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.exceptions import InvalidNamespaceException
+from rclpy.executors import ExternalShutdownException
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.signals import SignalHandlerOptions
+from rclpy.validate_namespace import validate_namespace
+from rich.console import Console
+from rich.live import Live
+from sensor_msgs.msg import JointState
+
+from .watch_view import Snapshot, Status, view
+
+#: What the selector writes into its diagnostics as hardware_id.
+_HARDWARE_ID = 'cmifs_ros'
+_REFRESH_PERIOD = 0.25
+#: Seconds to wait for a selector where there is no terminal to show it live.
+_PATIENCE = 10.0
+#: Lines of the view that are not the ranking.
+_OTHER_LINES = 14
+_MAX_ELSEWHERE = 10
+
+
+class Watcher:
+    """Listens to the diagnostics and scores of the first selector heard in a namespace."""
+
+    def __init__(self, node):
+        self._node = node
+        self._namespace = node.get_namespace().strip('/')
+        self._heard_at = time.monotonic()
+        self.snapshot = Snapshot()
+        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        node.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
+        node.create_subscription(JointState, 'scores', self._on_scores, latched)
+
+    def look(self) -> Snapshot:
+        """Return what is known now."""
+        self.snapshot.silence = time.monotonic() - self._heard_at
+        return self.snapshot
+
+    def _on_diagnostics(self, msg: DiagnosticArray) -> None:
+        for status in msg.status:
+            selector, _, what = status.name.rpartition(': ')
+            if status.hardware_id != _HARDWARE_ID or not selector:
+                continue
+            namespace = selector.rpartition('/')[0]
+            if namespace != self._namespace:
+                known = {*self.snapshot.elsewhere, f'/{namespace}'}
+                self.snapshot.elsewhere = sorted(known)[:_MAX_ELSEWHERE]
+            elif self.snapshot.selector in ('', selector):
+                self._heard_at = time.monotonic()
+                self.snapshot.selector = selector
+                self.snapshot.statuses[what] = Status(
+                    ord(status.level), status.message, {v.key: v.value for v in status.values}
+                )
+
+    def _on_scores(self, msg: JointState) -> None:
+        self.snapshot.ranking, self.snapshot.gains = list(msg.name), list(msg.position)
+
+
+def run(namespace: str, console: Console) -> int:
+    """Show the view until a signal comes; without a terminal, once. Return the exit code."""
+    stopping = False
+
+    def stop(*_):
+        nonlocal stopping
+        stopping = True
+
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, stop)
+    node = rclpy.create_node(f'watch_{os.getpid()}', namespace=namespace)
+    watcher = Watcher(node)
+    if not console.is_terminal:
+        deadline = time.monotonic() + _PATIENCE
+        while not (stopping or watcher.snapshot.is_complete) and time.monotonic() < deadline:
+            rclpy.spin_once(node, timeout_sec=_REFRESH_PERIOD)
+        console.print(view(watcher.look()))
+        return 0 if watcher.snapshot.selector else 1
+    with Live(console=console, auto_refresh=False, screen=True) as live:
+        shown_at = 0.0
+        while not stopping:
+            rclpy.spin_once(node, timeout_sec=_REFRESH_PERIOD)
+            if time.monotonic() >= shown_at + _REFRESH_PERIOD:
+                shown_at = time.monotonic()
+                live.update(view(watcher.look(), console.height - _OTHER_LINES), refresh=True)
+    # The screen is as it was before; what was seen last stays.
+    console.print(view(watcher.look(), console.height - _OTHER_LINES))
+    return 0
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Watch; return the exit code."""
+    parser = argparse.ArgumentParser(
+        prog='watch',
+        description=f'{__doc__} Ctrl-C ends it. Where the output is no terminal it is shown once.',
+        allow_abbrev=False,
+    )
+    parser.add_argument('--namespace', default='/', help='of the selector (default /)')
+    options = parser.parse_args(arguments)
+    namespace = '/' + options.namespace.strip('/')
+    try:
+        validate_namespace(namespace)
+        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+        return run(namespace, Console())
+    except InvalidNamespaceException:
+        print(
+            f'watch: --namespace is {options.namespace!r}; expected a name as in /robot1',
+            file=sys.stderr,
+        )
+        return 2
+    except (KeyboardInterrupt, ExternalShutdownException):
+        return 0
+    finally:
+        rclpy.try_shutdown()
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,202 @@
+"""Whether learning gets easier: fitted Q iteration on all channels, and on those selected.
+
+The policy learned from the same episodes on all channels, on ours, on KDR's and on the relevant
+ones acts in fresh episodes; the table shows its mean return. Ours takes its automatic number,
+KDR is told how many are relevant. An interrupted run goes on where it was.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import itertools
+import sys
+import time
+import warnings
+from importlib.util import find_spec
+from pathlib import Path
+from typing import NamedTuple
+
+import joblib
+import numpy as np
+from tqdm import tqdm
+
+from cmifs_ros.core import ConditionalMISelector, Episode, KDRSelector
+from cmifs_ros.tools.arguments import names_among, number_from, numbers_from
+from cmifs_ros.tools.program import StudyError, exit_code
+from studies.methods import mean_and_error
+from studies.parallel_trials import IS_OLD_JOBLIB
+from studies.tables import markdown_table
+from studies.tasks import TASKS, what_is_missing
+
+from .fitted_q import REGRESSORS, FittedQ
+from .worlds import LEARNING_TASKS, collect, returns_of
+
+SEES = ('all', 'ours', 'kdr', 'relevant')
+FRESH_EPISODES = 100
+NUM_DECISIONS = 50
+COLUMNS = ('task', 'episodes', 'sees', 'trial', 'regressor', 'channels', 'behaviour', 'return',
+           'seconds', 'ms_per_decision')  # fmt: skip
+
+
+class Case(NamedTuple):
+    """One choice of channels in one trial; all regressors learn on it."""
+
+    task: str
+    episodes: int
+    sees: str
+    trial: int
+
+
+def choose(case: Case, episodes: list[Episode]) -> list[int]:
+    """Return the channels that the learner sees."""
+    task = TASKS[case.task]
+    if case.sees == 'all':
+        return list(range(len(task.channel_names)))
+    if case.sees == 'relevant':
+        return list(task.relevant)
+    if case.sees == 'ours':
+        selector = ConditionalMISelector(random_state=case.trial)
+    else:
+        selector = KDRSelector(len(task.relevant), target=task.target, random_state=case.trial)
+    # With no evidence for anything a robot goes on with all it has.
+    return selector.fit(episodes).get_support(indices=True).tolist() or list(
+        range(len(task.channel_names))
+    )
+
+
+def run_case(case: Case, regressors: list[str], first_seed: int) -> list[tuple]:
+    """Choose, learn and act; return a row of `COLUMNS` for each regressor."""
+    warnings.filterwarnings('ignore', message='.*Maximum iterations')  # A few epochs are meant.
+    seed = first_seed + case.trial
+    episodes, transitions = collect(case.task, case.episodes, seed)
+    channels = choose(case, episodes)
+    behaviour = np.mean([episode.rewards.sum() for episode in episodes])
+    rows = []
+    for regressor in regressors:
+        begin = time.perf_counter()
+        policy = FittedQ(
+            transitions, channels, LEARNING_TASKS[case.task].num_actions, regressor, seed=seed
+        )
+        seconds = time.perf_counter() - begin
+        # Fresh episodes are the same ones for all that are compared, and not those learned from.
+        returns = returns_of(case.task, policy.act, FRESH_EPISODES, seed + 1_000_000)
+        begin = time.perf_counter()
+        for state in transitions.states[:NUM_DECISIONS]:
+            policy.act(state[None])
+        decision = (time.perf_counter() - begin) / min(NUM_DECISIONS, len(transitions.states))
+        shown = ' '.join(map(str, channels))
+        rows.append((*case, regressor, shown, f'{behaviour:.4f}', f'{returns.mean():.4f}',
+                     f'{seconds:.2f}', f'{1000 * decision:.3f}'))  # fmt: skip
+    return rows
+
+
+def read(path: Path) -> list[dict[str, str]]:
+    """Return the rows that a file holds; a last line without its end is dropped from it."""
+    content = path.read_text() if path.exists() else ''
+    complete = content[: content.rfind('\n') + 1]
+    if not complete:
+        path.write_text(','.join(COLUMNS) + '\n')
+        return []
+    path.write_text(complete)
+    head, *rows = csv.reader(complete.splitlines())
+    if tuple(head) != COLUMNS:
+        raise StudyError(f'{path} begins with {head}; expected {COLUMNS}: move it away')
+    return [dict(zip(COLUMNS, row, strict=True)) for row in rows]
+
+
+def table(rows: list[dict[str, str]], cases: list[Case], regressors: list[str]) -> str:
+    """Return the mean returns, standard errors and times of the finished trials as Markdown."""
+    lines = []
+    for (task, episodes), group in itertools.groupby(cases, lambda case: case[:2]):
+        own = [r for r in rows if (r['task'], int(r['episodes'])) == (task, episodes)]
+        sees_here = list(dict.fromkeys(case.sees for case in group))
+        for regressor, sees in itertools.product(regressors, sees_here):
+            found = [r for r in own if (r['regressor'], r['sees']) == (regressor, sees)]
+            if found:
+                mean, error = mean_and_error([float(r['return']) for r in found])
+                behaviour, _ = mean_and_error([float(r['behaviour']) for r in found])
+                count = np.mean([len(r['channels'].split()) for r in found])
+                lines.append((
+                    task, episodes, regressor, sees, f'{count:.1f}', f'{behaviour:.2f}',
+                    f'{mean:.2f} ± {error:.2f}', len(found),
+                    f'{np.median([float(r["seconds"]) for r in found]):.1f}',
+                    f'{np.median([float(r["ms_per_decision"]) for r in found]):.2f}',
+                ))  # fmt: skip
+    head = ('task', 'episodes', 'regressor', 'sees', 'channels', 'behaviour', 'learned', 'trials',
+            's to learn', 'ms a decision')  # fmt: skip
+    return markdown_table(head, lines)
+
+
+def run(options: argparse.Namespace) -> None:
+    """Run the cases that the file lacks, then print the table."""
+    if find_spec('sklearn') is None:
+        raise StudyError('scikit-learn is not here: python3 -m pip install scikit-learn')
+    tasks = [task for task in options.tasks if not what_is_missing(task)]
+    for task in set(options.tasks) - set(tasks):
+        print(f'{task}: {what_is_missing(task)}')
+    options.out.parent.mkdir(parents=True, exist_ok=True)
+    rows = read(options.out)
+    done = {tuple(row[key] for key in COLUMNS[:5]) for row in rows}
+    # Trial by trial, so that what is interrupted has all cases, only fewer trials.
+    order = itertools.product(range(options.trials), options.episodes, tasks, options.sees)
+    cases = [Case(task, episodes, sees, trial) for trial, episodes, task, sees in order]
+    todo = [
+        (case, missing)
+        for case in cases
+        if (missing := [r for r in options.regressors if (*map(str, case), r) not in done])
+    ]
+    parallel = joblib.Parallel(
+        n_jobs=options.jobs,
+        batch_size=1,
+        return_as='generator' if IS_OLD_JOBLIB else 'generator_unordered',
+    )
+    results = parallel(
+        joblib.delayed(run_case)(case, missing, options.first_seed) for case, missing in todo
+    )
+    with options.out.open('a', newline='') as file:
+        for result in tqdm(results, total=len(todo), file=sys.stdout, disable=None):
+            csv.writer(file, lineterminator='\n').writerows(result)
+            file.flush()
+    rows = read(options.out)
+    kinds = sorted(set(cases), key=lambda c: (options.tasks.index(c.task), c.episodes))
+    print(f'\nreturn over {FRESH_EPISODES} fresh episodes; seeds from {options.first_seed}\n')
+    print(table(rows, kinds, options.regressors), end='')
+
+
+def parse(arguments: list[str] | None) -> argparse.Namespace:
+    """Return the options; a bad one ends the program with a sentence."""
+    parser = argparse.ArgumentParser(
+        prog='learning', description=' '.join(__doc__.split()), allow_abbrev=False
+    )
+    for option, choices in (
+        ('tasks', LEARNING_TASKS), ('sees', SEES), ('regressors', REGRESSORS),
+    ):  # fmt: skip
+        parser.add_argument(
+            f'--{option}', type=names_among(list(choices)), default=list(choices),
+            metavar='NAME,...', help=f'some of {", ".join(choices)} (default all)',
+        )  # fmt: skip
+    parser.add_argument(
+        '--episodes', type=numbers_from(2), default='50,100,300', metavar='M,M,...',
+        help='to learn from (default %(default)s)',
+    )  # fmt: skip
+    parser.add_argument('--trials', type=number_from(1), default=20, help='default 20')
+    parser.add_argument('--first-seed', type=number_from(0), default=0, help='default 0')
+    parser.add_argument(
+        '--jobs', type=number_from(1), default=-1, help='processes (default: one a core)'
+    )
+    parser.add_argument(
+        '--out', type=Path, default=Path('learning/trials.csv'),
+        help='the finished trials; what it holds is not run again (default %(default)s)',
+    )  # fmt: skip
+    return parser.parse_args(arguments)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Learn and print; return the exit code."""
+    options = parse(arguments)
+    return exit_code('learning', lambda: run(options), f'{options.out} keeps what is done')
+
+
+if __name__ == '__main__':
+    sys.exit(main())

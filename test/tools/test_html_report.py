@@ -1,0 +1,132 @@
+import base64
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cmifs_ros.core import Episode
+from cmifs_ros.core.selection import Selection
+from cmifs_ros.tools.html_report import write_report
+
+NAMES = ('x', 'y', 'battery', 'noise')
+
+
+def make_episodes(count=12, num_channels=4):
+    rng = np.random.default_rng(0)
+    return [Episode(rng.normal(size=(5, num_channels)), rng.normal(size=5)) for _ in range(count)]
+
+
+SELECTION = Selection(
+    indices=(0, 1),
+    names=('x', 'y'),
+    ranking=('x', 'y', 'battery'),
+    scores=(0.25, 0.375, 0.36),
+    episodes=12,
+    steps=60,
+    seconds=1.5,
+    statuses=('confirmed', 'tentative', 'rejected'),
+    pvalues=(0.0012, 0.2, 0.9),
+    null_scores=((-0.01, 0.0, 0.02), (0.24, 0.25, 0.27), (0.35, 0.36, 0.37)),
+    spoke_by=(('x',), ('y',), ('battery',)),
+    stability=(1.0, 0.75, 0.125),
+)
+#: As a method without evidence gives it.
+BARE = replace(SELECTION, statuses=(), pvalues=(), null_scores=(), spoke_by=(), stability=())
+
+
+class Page(HTMLParser):
+    """The tags and the text of a page; it fails where a tag is closed that is not open."""
+
+    def __init__(self, path):
+        super().__init__()
+        self.tags, self.attributes, self.texts, self._open = [], [], [], []
+        self.source = path.read_text(encoding='utf-8')
+        self.feed(self.source)
+        assert self._open == []
+
+    def handle_starttag(self, tag, attributes):
+        self.tags.append(tag)
+        self.attributes += attributes
+        if tag not in ('meta', 'img'):
+            self._open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self._open.pop() == tag
+
+    def handle_data(self, data):
+        self.texts.append(data)
+
+    @property
+    def pictures(self):
+        found = re.findall(r'src="data:image/png;base64,([^"]*)"', self.source)
+        return [base64.b64decode(data, validate=True) for data in found]
+
+
+def test_the_page_shows_the_evidence_of_each_sensor_and_what_was_dropped(tmp_path):
+    path = write_report(tmp_path / 'new', SELECTION, make_episodes(), NAMES, {'late': 7, 'lost': 0})
+    page = Page(path)
+    assert path == tmp_path / 'new' / 'index.html'
+    rows = [re.sub(r'<[^>]*>', '|', row) for row in re.findall(r'<tr>.*?</tr>', page.source)]
+    (row,) = [row for row in rows if '|battery|' in row and '|3|' in row]
+    for cell in ('0.360', '0.350, 0.360, 0.370', '0.9', 'rejected', '12%'):
+        assert f'|{cell}|' in row, (cell, row)
+    assert any('|late|' in row and '|7|' in row for row in rows)
+    assert not any('|lost|' in row for row in rows)
+    assert len(page.pictures) == 3
+    assert all(data.startswith(b'\x89PNG') for data in page.pictures)
+
+
+def test_the_page_needs_no_network_and_runs_nothing(tmp_path):
+    page = Page(write_report(tmp_path, SELECTION, make_episodes(), NAMES, {}))
+    assert not {'script', 'link', 'iframe', 'object'} & set(page.tags)
+    assert all(v.startswith('data:') for k, v in page.attributes if k in ('src', 'href'))
+    assert not re.search(r'https?://|url\(|@import', page.source)
+
+
+def test_evidence_that_is_not_there_is_not_shown(tmp_path):
+    page = Page(write_report(tmp_path, BARE, make_episodes(), NAMES, {}))
+    assert '<th>p</th>' not in page.source
+    assert '<th>status</th>' not in page.source
+    assert 'Nothing was dropped.' in page.source
+
+
+def test_nothing_selected_is_said(tmp_path):
+    nothing = replace(BARE, indices=(), names=())
+    page = Page(write_report(tmp_path, nothing, make_episodes(), NAMES, {}))
+    assert 'no sensor tells anything about the return' in page.source
+
+
+@settings(max_examples=8)
+@given(st.text(min_size=1, max_size=40), st.text(max_size=40))
+def test_a_name_is_text_whatever_it_holds(tmp_path_factory, name, cause):
+    name, cause = f'<b onload=x>&"{name}$', f'<script>{cause}'
+    named = replace(SELECTION, names=(name, 'y'), ranking=(name, 'y', 'battery'))
+    folder = tmp_path_factory.mktemp('report')
+    page = Page(write_report(folder, named, make_episodes(), (name, *NAMES[1:]), {cause: 1}))
+    assert not {'b', 'script'} & set(page.tags)
+    assert 'onload' not in dict(page.attributes)
+    assert any('<b onload=x>&"' in text for text in page.texts)
+
+
+def test_a_constant_channel_and_many_channels_are_shown_without_a_warning(tmp_path, recwarn):
+    rng = np.random.default_rng(1)
+    states = rng.normal(size=(6, 100))
+    states[:, 3] = 1.0
+    names = [f'c{i}' for i in range(100)]
+    many = replace(
+        BARE, ranking=tuple(names), scores=(0.1,) * 100, indices=(0, 3), names=('c0', 'c3')
+    )
+    page = Page(write_report(tmp_path, many, [Episode(states, np.ones(6))], names, {}))
+    assert len(page.pictures) == 3
+    assert [str(w.message) for w in recwarn] == []
+
+
+def test_what_does_not_fit_together_is_refused(tmp_path):
+    with pytest.raises(ValueError, match='there are 3 names; expected 4'):
+        write_report(tmp_path, SELECTION, make_episodes(), NAMES[:3], {})
+    with pytest.raises(ValueError, match='there are 0 episodes'):
+        write_report(tmp_path, SELECTION, [], NAMES, {})

@@ -1,0 +1,130 @@
+"""`watch` in a real terminal, beside real nodes."""
+
+import os
+import re
+import signal
+import subprocess
+import time
+from pathlib import Path
+
+import pexpect
+import pytest
+
+pytest.importorskip('rclpy', reason='ROS 2 is not here')
+from ament_index_python.packages import get_package_prefix
+
+EXECUTABLES = Path(get_package_prefix('cmifs_ros'), 'lib', 'cmifs_ros')
+COLUMNS, LINES = 80, 24
+
+
+def environment(number):
+    return os.environ | {
+        'ROS_DOMAIN_ID': str(1 + (os.getpid() + 7 * number) % 100),
+        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+        'TERM': 'xterm-256color',
+    }
+
+
+@pytest.fixture
+def watch():
+    """Start the installed command in a terminal."""
+    terminals = []
+
+    def start(number, *arguments):
+        terminal = pexpect.spawn(
+            str(EXECUTABLES / 'watch'), list(arguments), env=environment(number),
+            dimensions=(LINES, COLUMNS), timeout=60, encoding='utf-8',
+        )  # fmt: skip
+        terminals.append(terminal)
+        return terminal
+
+    yield start
+    for terminal in terminals:
+        terminal.close(force=True)
+
+
+@pytest.fixture
+def robot(tmp_path):
+    """Start a selector and a simulator in a namespace."""
+    running = []
+
+    def start(number, namespace):
+        for node, *settings in (
+            ('selector_node', 'min_episodes:=10', 'selection_period:=1.0', 'num_features:=2'),
+            ('simulator_node', 'rate:=200.0', 'seed:=0'),
+        ):
+            parameters = [word for setting in settings for word in ('-p', setting)]
+            with (tmp_path / node).open('w') as output:
+                running.append(
+                    subprocess.Popen(
+                        [EXECUTABLES / node, '--ros-args', '-r', f'__ns:={namespace}', *parameters],
+                        env=environment(number), stdin=subprocess.DEVNULL, stdout=output,
+                        stderr=subprocess.STDOUT,
+                    )
+                )  # fmt: skip
+
+    yield start
+    for process in running:
+        process.terminate()
+    for process in running:
+        process.wait(10)
+
+
+def plain(text):
+    """Return what the escape sequences of a terminal leave."""
+    return re.sub(r'\x1b\[[0-9;?]*[A-Za-z]', '', text).replace('\r', '')
+
+
+def test_the_live_view_shows_a_selection_as_it_comes_and_ends_on_ctrl_c(robot, watch):
+    robot(0, '/robot1')
+    terminal = watch(0, '--namespace', 'robot1')
+    terminal.expect('/robot1/selector')
+    terminal.expect('episodes')
+    terminal.expect('score with it')
+    terminal.expect('1.* x ')
+    begin = time.monotonic()
+    terminal.sendintr()
+    terminal.expect(pexpect.EOF)
+    assert time.monotonic() - begin < 2
+    terminal.close()
+    assert terminal.exitstatus == 0
+    assert 'Traceback' not in terminal.before
+    # The alternate screen is left, and the last view stays on the ordinary one.
+    last = plain(terminal.before.rpartition('\x1b[?1049l')[2])
+    assert '/robot1/selector' in last
+    assert re.search(r'^1 +x ', last, re.M)
+    assert max(map(len, last.splitlines())) <= COLUMNS
+    assert len(last.rstrip().splitlines()) <= LINES
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_it_also_with_no_selector_there(watch, number):
+    terminal = watch(1 + number)
+    terminal.expect('no selector heard')
+    begin = time.monotonic()
+    terminal.kill(number)
+    terminal.expect(pexpect.EOF)
+    assert time.monotonic() - begin < 2
+    terminal.close()
+    assert terminal.exitstatus == 0
+    assert 'Traceback' not in terminal.before
+
+
+def test_into_a_pipe_it_prints_one_view_and_ends(robot):
+    robot(20, '/')
+    result = subprocess.run(
+        [EXECUTABLES / 'watch'], env=environment(20), capture_output=True, text=True, timeout=60,
+        check=False,
+    )  # fmt: skip
+    assert result.returncode == 0, result.stderr
+    assert result.stdout.count('/selector') == 1
+    assert '\x1b' not in result.stdout
+
+
+def test_a_bad_namespace_is_one_clear_sentence():
+    result = subprocess.run(
+        [EXECUTABLES / 'watch', '--namespace', 'a b'], env=environment(30), capture_output=True,
+        text=True, timeout=60, check=False,
+    )  # fmt: skip
+    assert result.returncode == 2
+    assert result.stderr == "watch: --namespace is 'a b'; expected a name as in /robot1\n"

@@ -1,0 +1,105 @@
+import io
+import re
+
+from hypothesis import given
+from hypothesis import strategies as st
+from rich.console import Console
+
+from cmifs_ros.tools.watch_view import Snapshot, Status, by_sensor, view
+
+SELECTION = {
+    'names': 'x, y',
+    'age in s': '75',
+    'episodes used': '100',
+    'seconds taken': '1.25',
+    'worker': 'computing',
+    'computing for s': '2.5',
+    'progress': '40%',
+    'statuses': 'x confirmed, y tentative, battery rejected',
+    'pvalues': 'x 0.0021, y 0.2, battery 0.9',
+}
+
+
+def text_of(snapshot, width=80, **options):
+    console = Console(file=io.StringIO(), width=width)
+    console.print(view(snapshot, **options))
+    return console.file.getvalue()
+
+
+def snapshot(level=0, message='selected x, y', values=SELECTION, **other):
+    known = {
+        'ranking': ['x', 'y', 'battery'],
+        'gains': [0.25, 0.75, -0.5],
+        'statuses': {
+            'input': Status(0, 'collecting', {'episodes': '120', 'messages dropped: late': '3'}),
+            'selection': Status(level, message, values),
+        },
+    }
+    return Snapshot('robot1/selector', **(known | other))
+
+
+def test_the_view_shows_input_selection_evidence_and_cost_within_80_columns():
+    text = text_of(snapshot())
+    assert max(map(len, text.splitlines())) <= 80
+    for shown in ('/robot1/selector', '120 episodes', 'messages dropped: late: 3', 'made 1 min ago',
+                  'from 100 episodes in 1.25 s', 'computing for 2.5 s, 40% done'):  # fmt: skip
+        assert shown in ' '.join(text.split()), shown
+    rows = {
+        m[1]: m for m in re.finditer(r'^\d +(\w+) +([\d.]+) +(█*) +([\d.]+) +(\w+)', text, re.M)
+    }
+    assert [rows[n][2] for n in ('x', 'y', 'battery')] == ['0.250', '1.000', '0.500']
+    assert len(rows['y'][3]) == 4 * len(rows['x'][3]) == 2 * len(rows['battery'][3])
+    assert rows['y'][4] == '0.2'
+    assert rows['battery'][5] == 'rejected'
+
+
+def test_levels_are_told_by_words_not_by_colour_alone():
+    for level, word in enumerate(('ok', 'warn', 'error', 'stale')):
+        assert re.search(
+            rf'^selection +{word} something', text_of(snapshot(level, 'something')), re.M
+        )
+
+
+def test_without_evidence_the_ranking_has_no_columns_for_it():
+    text = text_of(snapshot(values={'names': 'x, y'}))
+    assert '0.250' in text
+    assert 'status' not in text
+
+
+def test_a_selector_that_fell_silent_is_said_to_be():
+    assert 'nothing heard' not in text_of(snapshot(silence=1.0))
+    assert 'nothing heard for 60 s' in text_of(snapshot(silence=60.0))
+
+
+def test_a_selector_in_another_namespace_is_pointed_at():
+    assert 'watch --namespace /robot2' in text_of(Snapshot(elsewhere=['/robot2']))
+
+
+def test_a_long_ranking_is_cut_and_says_so():
+    many = snapshot(ranking=[f's{i}' for i in range(30)], gains=[0.1] * 30)
+    assert 'and 25 more' in text_of(many, max_sensors=5)
+
+
+@given(
+    st.lists(st.text(min_size=1, max_size=50), min_size=1, max_size=5),
+    st.lists(st.floats(allow_nan=True), min_size=5, max_size=5),
+    st.text(max_size=100),
+)
+def test_no_name_or_message_breaks_the_view_or_steers_the_terminal(names, gains, message):
+    values = SELECTION | {'names': message, 'age in s': message, 'progress': message}
+    text = text_of(snapshot(1, message, values, ranking=names, gains=gains[: len(names)]))
+    assert all(c.isprintable() or c == '\n' for c in text)
+
+
+def test_square_brackets_are_shown_and_not_taken_for_style():
+    assert '[red]scan[0]' in text_of(snapshot(ranking=['[red]scan[0]'], gains=[1.0]))
+
+
+names = st.lists(st.text('ab, ', min_size=1, max_size=6), min_size=1, max_size=8, unique=True)
+
+
+@given(names)
+def test_values_by_sensor_are_read_as_they_are_written(ranking):
+    words = [f'v{i}' for i in range(len(ranking))]
+    text = ', '.join(f'{n} {w}' for n, w in zip(ranking, words, strict=True))
+    assert by_sensor(ranking, text) == dict(zip(ranking, words, strict=True))
