@@ -24,8 +24,16 @@ frozen_lake
     The goal pays 1; holes end the episode. How near they are depends on row and column: both. The
     ice is not slippery, for else the goal is hardly reached within the episode.
 
-In the last three the policy takes the action that would be best without chance, but draws one of
+In these three the policy takes the action that would be best without chance, but draws one of
 all actions at random with probability 0.3. Where an environment ends an episode, it is shorter.
+
+reacher
+    A step costs how far the fingertip is from the target, and the squares of the torques, which
+    are random. That is the length of the vector between them, which is observed, and which the
+    angular velocities of both joints change. Angles and target tell where it is in another way.
+inverted_pendulum
+    Each step pays 1 until the pole leans more than 0.2. As with cart_pole only the pole's angle
+    and angular velocity are relevant. The pushes are random.
 
 Not taken: MountainCar and Acrobot, whose return does not vary within 30 steps of a random policy.
 """
@@ -135,6 +143,23 @@ def _make_frozen_lake():
     return FrozenLakeEnv(is_slippery=False)
 
 
+def _make_reacher():
+    from gymnasium.envs.mujoco.reacher_v5 import ReacherEnv
+
+    return ReacherEnv()
+
+
+def _make_inverted_pendulum():
+    from gymnasium.envs.mujoco.inverted_pendulum_v5 import InvertedPendulumEnv
+
+    return InvertedPendulumEnv()
+
+
+def _act_at_random(world) -> Policy:
+    low, high = world.action_space.low, world.action_space.high
+    return lambda observation, rng: rng.uniform(low, high)
+
+
 def _push_at_random(world) -> Policy:
     return lambda observation, rng: int(rng.integers(2))
 
@@ -220,4 +245,25 @@ ENVIRONMENTS = {
         lambda number: np.array(np.unravel_index(number, _LAKE_SHAPE)),
         _mostly_best,
     ),
+    'reacher': Environment(
+        _make_reacher,
+        (
+            *('cosine_1', 'cosine_2', 'sine_1', 'sine_2', 'target_x', 'target_y'),
+            *('angular_velocity_1', 'angular_velocity_2', 'to_target_x', 'to_target_y'),
+        ),
+        (8, 9),
+        (8, 9),
+        np.asarray,
+        _act_at_random,
+    ),
+    'inverted_pendulum': Environment(
+        _make_inverted_pendulum,
+        ('position', 'angle', 'velocity', 'angular_velocity'),
+        (1, 3),
+        (1,),
+        np.asarray,
+        _act_at_random,
+    ),
 }
+#: Those of `ENVIRONMENTS` that need MuJoCo.
+MUJOCO = ('reacher', 'inverted_pendulum')

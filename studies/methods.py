@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from importlib.util import find_spec
 from typing import NamedTuple
 
@@ -13,6 +13,7 @@ from cmifs_ros.core.shadows import exchange
 from studies.paper.alternatives import READINGS, rank_read
 from studies.paper.direct_port import rank_directly
 
+from .forests import FORESTS
 from .peers import ESTIMATORS, information_by_channel
 
 #: The name of each method and what tables call it.
@@ -25,6 +26,8 @@ METHODS = {
     'centers_all': 'ours, all centres',
     'ennemi': 'ennemi, a step and a channel at a time',
     'sklearn': 'scikit-learn, a step and a channel at a time',
+    'forest': 'extra trees, permutation importance',
+    'boruta': 'Boruta',
     'direct_port': 'direct port',
     'paper_standardized': "'paper', standardised",
     'paper_program': "'paper', h'alpha/2 - 1/2",
@@ -37,15 +40,21 @@ METHODS = {
 }
 #: The default with other bounds of the number of kernel centres.
 NUM_CENTERS = {'centers_25': 25, 'centers_50': 50, 'centers_all': None}
-#: What pip calls the packages that a method of the same name needs.
-_PACKAGES = {'ennemi': 'ennemi', 'sklearn': 'scikit-learn'}
+#: The package that a method needs, as Python and as pip call it.
+_PACKAGES = {
+    'ennemi': ('ennemi', 'ennemi'),
+    'sklearn': ('sklearn', 'scikit-learn'),
+    'forest': ('sklearn', 'scikit-learn'),
+    'boruta': ('boruta', 'boruta'),
+}
 
 
 class Ranking(NamedTuple):
-    """The channels ranked, best first, as indices from 0, and the score of each place.
+    """The sensors ranked, best first, as indices from 0, and the score of each place.
 
-    The peers score each channel by itself; the others score the first 1, 2, ... together. The
-    automatic number ranks what it selects.
+    Without groups sensors are channels. The peers score each sensor by itself, the others score
+    the first 1, 2, ... together. The automatic number ranks what it selects. A method that knows
+    channels alone ranks a sensor where its first channel is.
     """
 
     channels: tuple[int, ...]
@@ -54,8 +63,10 @@ class Ranking(NamedTuple):
 
 def what_is_missing(method: str) -> str | None:
     """Return how to install the package that a method needs and that is not here, or None."""
-    if method in _PACKAGES and find_spec(method) is None:
-        return f'not installed: python3 -m pip install {_PACKAGES[method]}'
+    if method in _PACKAGES:
+        module, package = _PACKAGES[method]
+        if find_spec(module) is None:
+            return f'not installed: python3 -m pip install {package}'
     return None
 
 
@@ -65,10 +76,11 @@ def rank(
     *,
     target: Sequence[int],
     seed: int,
+    sensors: Mapping[str, tuple[int, ...]] | None = None,
     num_features: int | None = None,
     n_jobs: int = 1,
 ) -> Ranking:
-    """Rank the channels by one of the methods.
+    """Rank the sensors by one of the methods.
 
     Parameters
     ----------
@@ -79,41 +91,66 @@ def rank(
         What KDR is told: the channels that the reward depends on directly.
     seed : int
         Of everything random in the method.
+    sensors : mapping of str to tuple of int, optional
+        Each sensor's channels, in the order of their first ones; without it, each channel is one.
     num_features : int, optional
-        How many channels to rank; None ranks all.
+        How many sensors to rank; None ranks all.
     n_jobs : int
         Threads of our engine and of ennemi. Those of the linear algebra are set from outside.
 
     """
-    count = num_features or episodes[0].num_channels
+    if sensors is None:
+        sensors = {str(i): (i,) for i in range(episodes[0].num_channels)}
+    parts = list(sensors.values())
+    groups = {name: part for name, part in sensors.items() if len(part) > 1}
+    count = num_features or len(parts)
+    num_channels = episodes[0].num_channels if groups else count
     if method in ESTIMATORS:
         estimate = ESTIMATORS[method](seed, n_jobs)
         information = information_by_channel(episodes, estimate)
-        best = np.argsort(-information, kind='stable')[:count]
-        return Ranking(tuple(best.tolist()), tuple(information[best].tolist()))
+        return _by_score([max(information[list(part)]) for part in parts], count)
+    if method in FORESTS:
+        return _by_score(FORESTS[method](episodes, parts, seed, n_jobs), count)
     if method in ('automatic', 'automatic_shuffled'):
         if method == 'automatic_shuffled':  # The rewards stay: they depend on nothing.
             states = exchange([e.states for e in episodes], np.random.default_rng([seed, 3]))
             pairs = zip(states, episodes, strict=True)
             episodes = [Episode(s, episode.rewards) for s, episode in pairs]
-        selector = ConditionalMISelector(random_state=seed, n_jobs=n_jobs).fit(episodes)
+        selector = ConditionalMISelector(groups=groups, random_state=seed, n_jobs=n_jobs)
+        selector.fit(episodes)
         selected = selector.ranking_[: selector.num_features_]
         return Ranking(tuple(selected.tolist()), tuple(selector.scores_[: len(selected)].tolist()))
     if method in READINGS:
-        ranking, scores = rank_read(method, episodes, target, seed, count)
-        return Ranking(tuple(ranking), tuple(scores))
+        found = rank_read(method, episodes, target, seed, num_channels)
+        return _of_sensors(*found, parts, count)
     if method == 'direct_port':
-        ranking, scores = rank_directly(episodes, count, random_state=seed)
-        return Ranking(tuple(ranking), tuple(scores))
+        found = rank_directly(episodes, num_channels, random_state=seed)
+        return _of_sensors(*found, parts, count)
     if method == 'kdr':
-        selector = KDRSelector(count, target=target, random_state=seed)
+        selector = KDRSelector(count, groups=groups, target=target, random_state=seed)
     elif method == 'paper':
-        selector = ConditionalMISelector.paper(count, random_state=seed, n_jobs=n_jobs)
+        selector = ConditionalMISelector.paper(
+            count, groups=groups, random_state=seed, n_jobs=n_jobs
+        )
     else:
         options = {'num_centers': NUM_CENTERS[method]} if method in NUM_CENTERS else {}
-        selector = ConditionalMISelector(count, random_state=seed, n_jobs=n_jobs, **options)
+        options |= {'groups': groups, 'random_state': seed, 'n_jobs': n_jobs}
+        selector = ConditionalMISelector(None if count == len(parts) else count, **options)
     selector.fit(episodes)
     return Ranking(tuple(selector.ranking_.tolist()), tuple(selector.scores_.tolist()))
+
+
+def _by_score(scores: Sequence[float], count: int) -> Ranking:
+    best = np.argsort(-np.asarray(scores), kind='stable')[:count]
+    return Ranking(tuple(best.tolist()), tuple(float(scores[i]) for i in best))
+
+
+def _of_sensors(channels, scores, parts: list[tuple[int, ...]], count: int) -> Ranking:
+    owner = {channel: sensor for sensor, part in enumerate(parts) for channel in part}
+    first: dict[int, float] = {}
+    for channel, score in zip(channels, scores, strict=True):
+        first.setdefault(owner[channel], score)
+    return Ranking(tuple(first)[:count], tuple(first.values())[:count])
 
 
 def rank_sum(ranking: Sequence[int], relevant: Sequence[int], num_channels: int) -> float:

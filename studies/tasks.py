@@ -16,7 +16,12 @@ from cmifs_ros.sim.grid_world import MAX_EPISODE_STEPS, NUM_CHANNELS
 from studies.paper.alternatives import FixedGravelWorld
 
 from .distractors import distractor_names, with_distractors
-from .environments import ENVIRONMENTS, rollout_environment
+from .environments import ENVIRONMENTS, MUJOCO, rollout_environment
+from .lidar_world import CHANNEL_NAMES as LIDAR_NAMES
+from .lidar_world import GROUPS as LIDAR_GROUPS
+from .lidar_world import RELEVANT as LIDAR_RELEVANT
+from .lidar_world import rollout_lidar_world
+from .synthetic import WORLDS, rollout_synthetic
 
 
 class Task(NamedTuple):
@@ -29,9 +34,11 @@ class Task(NamedTuple):
         ones of a larger one.
     channel_names : tuple of str
     relevant : tuple of int
-        The channels that should rank first.
+        The sensors that should rank first, as indices of `sensor_names`.
     target : tuple of int
         The channels that the reward depends on directly; KDR is told them.
+    groups : dict of str to tuple of str
+        Sensors of several channels. Every other channel is a sensor of its own.
 
     """
 
@@ -39,16 +46,45 @@ class Task(NamedTuple):
     channel_names: tuple[str, ...]
     relevant: tuple[int, ...]
     target: tuple[int, ...]
+    groups: dict[str, tuple[str, ...]] = {}  # noqa: RUF012
+
+    @property
+    def sensors(self) -> dict[str, tuple[int, ...]]:
+        """Each sensor's channels, in the order of their first ones, as the selectors count."""
+        group_of = {name: group for group, names in self.groups.items() for name in names}
+        sensors: dict[str, tuple[int, ...]] = {}
+        for index, name in enumerate(self.channel_names):
+            sensor = group_of.get(name, name)
+            sensors[sensor] = (*sensors.get(sensor, ()), index)
+        return sensors
+
+    @property
+    def sensor_names(self) -> tuple[str, ...]:
+        """Names of the sensors."""
+        return tuple(self.sensors)
 
     @property
     def optimum(self) -> int:
-        """The least rank sum of the relevant channels."""
+        """The least rank sum of the relevant sensors."""
         return sum(range(1, len(self.relevant) + 1))
 
     @property
     def chance(self) -> float:
         """The rank sum to expect of a random order."""
-        return len(self.relevant) * (len(self.channel_names) + 1) / 2
+        return len(self.relevant) * (len(self.sensors) + 1) / 2
+
+
+def task_of(
+    rollout_task: Callable[[int, int], list[Episode]],
+    channel_names: tuple[str, ...],
+    relevant: tuple[str, ...],
+    groups: dict[str, tuple[str, ...]],
+) -> Task:
+    """Return a task from the names of what is relevant; KDR is told the first of it."""
+    task = Task(rollout_task, channel_names, (), (0,), groups)
+    names = task.sensor_names
+    target = task.sensors[relevant[0]] if relevant else (0,)
+    return task._replace(relevant=tuple(map(names.index, relevant)), target=target)
 
 
 def rollout_among_distractors(
@@ -92,35 +128,49 @@ def what_is_missing(task: str) -> str | None:
     """Return how to install the package that a task needs and that is not here, or None."""
     if task in ENVIRONMENTS and find_spec('gymnasium') is None:
         return 'not installed: python3 -m pip install gymnasium'
+    if task in MUJOCO and find_spec('mujoco') is None:
+        return "not installed: python3 -m pip install 'gymnasium[mujoco]'"
+    if task == 'lidar_world' and find_spec('irsim') is None:
+        return 'not installed: python3 -m pip install ir-sim'
     return None
 
 
 #: In the scenarios the reward depends on s(1) directly, as the paper tells its rival.
-TASKS = {
-    'without_gravel': Task(
-        partial(rollout, 'without_gravel'), channel_names('without_gravel'), (0, 1), (0,)
-    ),
-    'with_gravel': Task(
-        partial(rollout, 'with_gravel'), channel_names('with_gravel'), (0, 1, 2, 3), (0,)
-    ),
-    'with_fixed_gravel': Task(
-        partial(rollout, 'with_gravel', make_world=FixedGravelWorld),
-        channel_names('with_gravel'),
-        (0, 1, 2, 3),
-        (0,),
-    ),
-    'chain': Task(
-        partial(rollout_among_distractors, rollout_chain),
-        CHAIN_NAMES + distractor_names(CHAIN_NAMES),
-        (0, 1, 2),
-        (0,),
-    ),
-} | {
-    name: Task(
-        partial(rollout_among_distractors, partial(rollout_environment, name)),
-        environment.channel_names + distractor_names(environment.channel_names),
-        environment.relevant,
-        environment.target,
-    )
-    for name, environment in ENVIRONMENTS.items()
-}
+TASKS = (
+    {
+        'without_gravel': Task(
+            partial(rollout, 'without_gravel'), channel_names('without_gravel'), (0, 1), (0,)
+        ),
+        'with_gravel': Task(
+            partial(rollout, 'with_gravel'), channel_names('with_gravel'), (0, 1, 2, 3), (0,)
+        ),
+        'with_fixed_gravel': Task(
+            partial(rollout, 'with_gravel', make_world=FixedGravelWorld),
+            channel_names('with_gravel'),
+            (0, 1, 2, 3),
+            (0,),
+        ),
+        'chain': Task(
+            partial(rollout_among_distractors, rollout_chain),
+            CHAIN_NAMES + distractor_names(CHAIN_NAMES),
+            (0, 1, 2),
+            (0,),
+        ),
+    }
+    | {
+        name: Task(
+            partial(rollout_among_distractors, partial(rollout_environment, name)),
+            environment.channel_names + distractor_names(environment.channel_names),
+            environment.relevant,
+            environment.target,
+        )
+        for name, environment in ENVIRONMENTS.items()
+    }
+    | {
+        name: task_of(
+            partial(rollout_synthetic, name), world.channel_names, world.relevant, world.groups
+        )
+        for name, world in WORLDS.items()
+    }
+    | {'lidar_world': task_of(rollout_lidar_world, LIDAR_NAMES, LIDAR_RELEVANT, LIDAR_GROUPS)}
+)

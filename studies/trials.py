@@ -85,5 +85,7 @@ def run_trial(trial: Trial) -> Outcome:
     task = TASKS[trial.scenario]
     episodes = task.rollout(trial.episodes, trial.seed)
     start = time.perf_counter()
-    ranking = rank(trial.method, episodes, target=task.target, seed=trial.seed).channels
+    ranking = rank(
+        trial.method, episodes, target=task.target, seed=trial.seed, sensors=task.sensors
+    ).channels
     return Outcome(trial, ranking, time.perf_counter() - start)

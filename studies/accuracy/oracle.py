@@ -25,7 +25,7 @@ from .rank_sums import USUAL_TASKS
 
 
 def ranked_higher(task: str, num_episodes: int, seed: int) -> list[int]:
-    """Return how many irrelevant channels score higher than each relevant one."""
+    """Return how many irrelevant sensors score higher than each relevant one."""
     episodes = TASKS[task].rollout(num_episodes, seed)
     estimator = Lsmi()
     steps = step_samples(
@@ -38,12 +38,14 @@ def ranked_higher(task: str, num_episodes: int, seed: int) -> list[int]:
         random_state=seed,
     )
     criterion = ConditionalMI(steps, estimator, tuning_window=2)
+    parts = list(TASKS[task].sensors.values())
     relevant = TASKS[task].relevant
-    irrelevant = [c for c in range(episodes[0].num_channels) if c not in relevant]
+    irrelevant = [s for s in range(len(parts)) if s not in relevant]
     found = []
     for unknown in relevant:
         known = [c for c in relevant if c != unknown]
-        scores = criterion([[*known, c] for c in (unknown, *irrelevant)])
+        sets = ([*known, sensor] for sensor in (unknown, *irrelevant))
+        scores = criterion([[c for sensor in sensors for c in parts[sensor]] for sensors in sets])
         found.append(int(np.sum(scores[1:] > scores[0])))
     return found
 
@@ -60,12 +62,12 @@ def run(options: argparse.Namespace) -> None:
             found = joblib.Parallel(n_jobs=options.jobs)(
                 joblib.delayed(ranked_higher)(task, num_episodes, seed) for seed in seeds
             )
-            for channel, higher in zip(TASKS[task].relevant, zip(*found, strict=True), strict=True):
+            for sensor, higher in zip(TASKS[task].relevant, zip(*found, strict=True), strict=True):
                 mean, error = mean_and_error(higher)
                 rows.append((
                     task,
                     num_episodes,
-                    TASKS[task].channel_names[channel],
+                    TASKS[task].sensor_names[sensor],
                     f'{TASKS[task].optimum + mean:.2f} ± {error:.2f}',
                     sum(count > 0 for count in higher),
                 ))  # fmt: skip

@@ -2,8 +2,9 @@
 
 With --number: how often the automatic number selects exactly the relevant channels.
 
-The tasks are the grid world of the paper in both scenarios, its chain, and environments of
-Gymnasium; but for the grid world, which brings its own, distractor channels are appended.
+The tasks are the grid world of the paper in both scenarios, its chain, environments of
+Gymnasium, small synthetic worlds and a lidar world; distractor channels are appended to those
+that do not bring their own.
 """
 
 from __future__ import annotations
@@ -26,13 +27,15 @@ from studies.trial_log import TrialLog
 from studies.trials import Results, Trial
 
 #: Those asked for by default, first in the table, where the others follow.
-USUAL_METHODS = ('default', 'paper', 'kdr', 'ennemi', 'sklearn')
+USUAL_METHODS = ('default', 'paper', 'kdr', 'ennemi', 'sklearn', 'forest')
 #: What --number compares: the automatic number on the task, and where nothing is relevant.
 NUMBER_METHODS = ('automatic', 'automatic_shuffled')
 #: Those that rank all channels.
 ALL_METHODS = tuple(m for m in dict.fromkeys((*USUAL_METHODS, *METHODS)) if m not in NUMBER_METHODS)
-#: `with_fixed_gravel` is another reading of the paper.
-USUAL_TASKS = tuple(name for name in TASKS if name != 'with_fixed_gravel')
+#: `with_fixed_gravel` is another reading of the paper; without anything relevant there is no sum.
+USUAL_TASKS = tuple(
+    name for name, task in TASKS.items() if task.relevant and name != 'with_fixed_gravel'
+)
 
 
 def available(names: Sequence[str], what_is_missing) -> list[str]:

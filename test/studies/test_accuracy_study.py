@@ -13,11 +13,11 @@ from cmifs_ros.sim import rollout_chain
 from studies.accuracy import oracle as accuracy_oracle
 from studies.accuracy.rank_sums import main
 from studies.distractors import distractor_names, with_distractors
-from studies.environments import ENVIRONMENTS, rollout_environment
+from studies.environments import rollout_environment
 from studies.methods import rank
 from studies.paper.direct_port import conditional_mi
 from studies.peers import information_by_channel
-from studies.tasks import TASKS
+from studies.tasks import TASKS, what_is_missing
 
 TINY = ('--trials', '2', '--episodes', '12', '--first-seed', '7')
 
@@ -138,18 +138,11 @@ def test_another_robot_whose_episode_ends_sooner_stands_still():
     assert longer.states[:, -1].tolist() == [5, 6, 6, 6]
 
 
-@pytest.mark.parametrize('name', [name for name in TASKS if name not in ENVIRONMENTS])
+@pytest.mark.parametrize('name', TASKS)
 def test_the_same_seed_gives_the_same_episodes_and_fewer_are_the_first(name):
-    assert_that_it_repeats(TASKS[name])
-
-
-@pytest.mark.parametrize('name', ENVIRONMENTS)
-def test_environments_of_gymnasium_repeat_too(name):
-    pytest.importorskip('gymnasium', reason='gymnasium is not here')
-    assert_that_it_repeats(TASKS[name])
-
-
-def assert_that_it_repeats(task):
+    if what_is_missing(name):
+        pytest.skip(what_is_missing(name))
+    task = TASKS[name]
     few, many, other = task.rollout(2, 5), task.rollout(4, 5), task.rollout(2, 6)
     for a, b in zip(few, many, strict=False):
         assert a.states.tobytes() == b.states.tobytes()

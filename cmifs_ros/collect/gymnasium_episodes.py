@@ -1,0 +1,144 @@
+"""Episodes of any environment with Gymnasium's interface, and a wrapper that leaves channels out.
+
+Gymnasium itself is needed for the wrapper alone: python3 -m pip install gymnasium.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+
+from cmifs_ros.core import Episode
+
+
+def flatten(observation) -> np.ndarray:
+    """Return an observation's channels, shape (v,): of a mapping or a tuple those of its parts.
+
+    The keys of a mapping are sorted: an environment may give them in another order each time.
+    """
+    if isinstance(observation, Mapping):
+        observation = tuple(observation[key] for key in sorted(observation))
+    if isinstance(observation, tuple):
+        return np.concatenate([flatten(part) for part in observation])
+    return np.asarray(observation, dtype=np.float64).ravel()
+
+
+def channel_names(env) -> tuple[str, ...]:
+    """Return a name for each channel of an environment's observation.
+
+    They are the keys of a Dict space (with a number each where there is an array behind one);
+    else what `observation_structure` of MuJoCo's environments tells (``qpos_0``, ``qvel_0``); and
+    else ``obs_0``, ``obs_1``, ...
+    """
+    sample = env.observation_space.sample()
+    if isinstance(sample, Mapping):
+        sizes = {key: len(flatten(value)) for key, value in sorted(sample.items())}
+        return tuple(
+            name
+            for key, size in sizes.items()
+            for name in ([str(key)] if size == 1 else [f'{key}_{i}' for i in range(size)])
+        )
+    count = len(flatten(sample))
+    structure = getattr(env.unwrapped, 'observation_structure', None) or {}
+    # `skipped_qpos` counts what is not observed.
+    sizes = {k: n for k, n in structure.items() if not k.startswith('skipped') and n}
+    if sum(sizes.values()) == count:
+        return tuple(f'{key}_{i}' for key, size in sizes.items() for i in range(size))
+    return tuple(f'obs_{i}' for i in range(count))
+
+
+def collect_episodes(
+    env,
+    num_episodes: int,
+    policy: Callable[[object], object] | None = None,
+    *,
+    max_steps: int = 1000,
+    seed: int | None = None,
+) -> list[Episode]:
+    """Return episodes of an environment, the same ones for the same seed.
+
+    Parameters
+    ----------
+    env : gymnasium.Env
+        Or anything with its `reset` and `step`.
+    num_episodes : int
+    policy : callable, optional
+        From an observation to an action; by default actions are drawn at random.
+    max_steps : int
+        Where an episode is cut that the environment does not end.
+    seed : int, optional
+        Of the environment and of the random actions.
+
+    Raises
+    ------
+    ValueError
+        If a number is below 1, or what the environment gives is no finite number.
+
+    """
+    for name, value in (('num_episodes', num_episodes), ('max_steps', max_steps)):
+        if value < 1:
+            raise ValueError(f'{name} is {value}; expected at least 1')
+    if policy is None:
+        env.action_space.seed(seed)
+    episodes = []
+    for i in range(num_episodes):
+        observation, _ = env.reset(seed=seed if i == 0 else None)
+        states, rewards, has_ended = [], [], False
+        while not has_ended and len(rewards) < max_steps:
+            action = env.action_space.sample() if policy is None else policy(observation)
+            states.append(flatten(observation))
+            observation, reward, terminated, truncated, _ = env.step(action)
+            rewards.append(reward)
+            has_ended = terminated or truncated
+        episodes.append(Episode(states, rewards))
+    return episodes
+
+
+def select_channels(env, names: Sequence[str]):
+    """Return the environment with an observation of the named channels alone.
+
+    Parameters
+    ----------
+    env : gymnasium.Env
+    names : sequence of str
+        Some of `channel_names(env)`, as `get_feature_names_out` of a selector gives them; the
+        new observation is a vector, shape (len(names),), in this order.
+
+    Returns
+    -------
+    gymnasium.ObservationWrapper
+
+    Raises
+    ------
+    ImportError
+        If Gymnasium is not installed.
+    ValueError
+        If a channel is unknown or none is named.
+
+    """
+    try:
+        from gymnasium import ObservationWrapper
+        from gymnasium.spaces import Box
+    except ImportError as error:
+        raise ImportError('Gymnasium is not installed: python3 -m pip install gymnasium') from error
+
+    known = channel_names(env)
+    unknown = [name for name in names if name not in known]
+    if unknown or not names:
+        raise ValueError(
+            f'names is {list(names)}; expected at least one of {", ".join(known)} and no other'
+        )
+    indices = [known.index(name) for name in names]
+
+    class SelectedChannels(ObservationWrapper):
+        """The observation's selected channels as a vector."""
+
+        def __init__(self, env):
+            super().__init__(env)
+            self.observation_space = Box(-np.inf, np.inf, (len(indices),), np.float64)
+
+        def observation(self, observation):
+            return flatten(observation)[indices]
+
+    return SelectedChannels(env)

@@ -1,0 +1,78 @@
+"""Peers that fit trees to all samples at once: extra trees with permutation importance, Boruta.
+
+The return of a step is learned from its channels, whatever the step. Both packages are optional.
+FOCI (Azadkia & Chatterjee, 2021) is no peer here: no package for Python has it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from cmifs_ros.core import Episode
+from cmifs_ros.core.returns import discounted_returns
+
+NUM_FOLDS = 5
+NUM_REPEATS = 3
+GAMMA = 0.95
+
+
+def _samples(episodes: Sequence[Episode]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return channels (n, v), returns (n,) and the number of each sample's episode (n,)."""
+    channels = np.concatenate([e.states for e in episodes])
+    returns = np.concatenate([discounted_returns(e.rewards, GAMMA) for e in episodes])
+    return channels, returns, np.repeat(np.arange(len(episodes)), [len(e) for e in episodes])
+
+
+def forest_importance(
+    episodes: Sequence[Episode], sensors: Sequence[tuple[int, ...]], seed: int, num_threads: int
+) -> np.ndarray:
+    """Return how much R^2 on episodes left out falls when a sensor is permuted: shape (S,).
+
+    Extra trees (Geurts et al., 2006) are fitted to four fifths of the episodes, five times; the
+    channels of a sensor are permuted together.
+    """
+    from sklearn.ensemble import ExtraTreesRegressor
+
+    channels, returns, numbers = _samples(episodes)
+    rng = np.random.default_rng(seed)
+    num_folds = min(NUM_FOLDS, len(episodes))
+    folds = rng.permutation(len(episodes)) % num_folds
+    importance = np.zeros(len(sensors))
+    for fold in range(num_folds):
+        is_left_out = folds[numbers] == fold
+        forest = ExtraTreesRegressor(
+            n_estimators=100, min_samples_leaf=5, random_state=seed, n_jobs=num_threads
+        ).fit(channels[~is_left_out], returns[~is_left_out])
+        left_out, wanted = channels[is_left_out], returns[is_left_out]
+        error = np.mean((forest.predict(left_out) - wanted) ** 2)
+        for i, sensor in enumerate(sensors):
+            columns = list(sensor)
+            for _ in range(NUM_REPEATS):
+                permuted = left_out.copy()
+                permuted[:, columns] = left_out[rng.permutation(len(left_out))][:, columns]
+                importance[i] += np.mean((forest.predict(permuted) - wanted) ** 2) - error
+    spread = np.var(returns)
+    return importance / (num_folds * NUM_REPEATS * spread) if spread > 0 else importance
+
+
+def boruta_importance(
+    episodes: Sequence[Episode], sensors: Sequence[tuple[int, ...]], seed: int, num_threads: int
+) -> np.ndarray:
+    """Return minus the rank that Boruta (Kursa & Rudnicki, 2010) gives a sensor's best channel.
+
+    Boruta tells accepted, undecided and rejected channels apart, and ranks the rejected ones;
+    equal ranks stay in the order of the sensors.
+    """
+    from boruta import BorutaPy
+    from sklearn.ensemble import ExtraTreesRegressor
+
+    channels, returns, _ = _samples(episodes)
+    forest = ExtraTreesRegressor(max_depth=7, n_jobs=num_threads)
+    boruta = BorutaPy(forest, n_estimators=100, max_iter=50, random_state=seed)
+    boruta.fit(channels, returns)
+    return np.array([-min(boruta.ranking_[list(sensor)]) for sensor in sensors], dtype=float)
+
+
+FORESTS = {'forest': forest_importance, 'boruta': boruta_importance}

@@ -1,0 +1,201 @@
+"""Small worlds made for one question each, in which the truth is known by construction.
+
+point_robot
+    A robot at 50 Hz on a noisy, damped spring in the plane. A step costs the distance from the
+    origin, and 1 more while the battery is below 20. Where the robot will be depends on position
+    and velocity, but the spring takes seconds and so do the episodes: x, y and battery are
+    relevant, and velocity may stand in partly.
+copy, noisy_copy
+    Of the stronger of two relevant sensors there is a second one that tells the same, or the same
+    with noise. The first one and the weaker sensor are relevant.
+dead_channel
+    Beside the two relevant sensors there is one that never changes.
+two_switches
+    A step pays if one of two switches is on, but not both: each by itself tells nothing.
+wild_readings, one_wild_reading
+    The only relevant sensor, a range, reads 65535 in 2 % of the steps, or once of all.
+one_of_twelve, twelve_of_noise
+    A sensor of twelve channels, of which the first is all that the reward depends on beside x; or
+    none is, and x and y are relevant.
+drift
+    The policy improves from episode to episode, and the motor warms up. Nothing is relevant.
+independent_noise
+    Neither are the channels to the rewards nor is anything to anything else.
+beside
+    White noise, a random walk and another robot's channel beside the only relevant sensor.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+
+from cmifs_ros.core import Episode
+
+NUM_STEPS = 12
+WILD_READING = 65535.0
+LOW_BATTERY = 20.0
+#: Of an `_ar` channel with itself one step later.
+PERSISTENCE = 0.9
+#: How much of the age of the robot, from 0 to 1, is behind it with each episode.
+AGEING = 0.025
+
+_SECONDS = 0.02  # a step of the point robot
+
+
+class World(NamedTuple):
+    """A synthetic task.
+
+    Attributes
+    ----------
+    draw : callable
+        (generator, number of the episode) -> states (T, v), rewards (T,)
+    channel_names : tuple of str
+    relevant : tuple of str
+        Names of channels or groups.
+    groups : dict of str to tuple of str
+        Sensors of several channels.
+
+    """
+
+    draw: Callable[[np.random.Generator, int], tuple[np.ndarray, np.ndarray]]
+    channel_names: tuple[str, ...]
+    relevant: tuple[str, ...]
+    groups: dict[str, tuple[str, ...]] = {}  # noqa: RUF012
+
+
+def rollout_synthetic(name: str, num_episodes: int, seed: int) -> list[Episode]:
+    """Return episodes of one of `WORLDS`, the same ones bit for bit for the same seed."""
+    draw = WORLDS[name].draw
+    return [Episode(*draw(np.random.default_rng([seed, i]), i)) for i in range(num_episodes)]
+
+
+def _ar(rng: np.random.Generator, num_steps: int, num_channels: int, persistence=PERSISTENCE):
+    """Return stationary normal channels of variance 1, each correlated with itself in time."""
+    values = rng.normal(size=(num_steps, num_channels))
+    for t in range(1, num_steps):
+        values[t] = persistence * values[t - 1] + np.sqrt(1 - persistence**2) * values[t]
+    return values
+
+
+def _point_robot(rng, number):
+    num_steps = int(rng.integers(60, 101))
+    position, velocity = rng.uniform(-2, 2, size=2), rng.normal(size=2)
+    battery = rng.uniform(0, 100) - 0.1 * np.arange(num_steps)
+    motion = np.empty((num_steps, 4))
+    for t in range(num_steps):
+        motion[t] = *position, *velocity
+        push = -position - 0.5 * velocity + 3 * rng.normal(size=2)
+        velocity = velocity + _SECONDS * push
+        position = position + _SECONDS * velocity
+    noise = np.hstack([rng.normal(size=(num_steps, 3)), _ar(rng, num_steps, 2, 0.98)])
+    battery = np.maximum(battery, 0)
+    rewards = -np.hypot(motion[:, 0], motion[:, 1]) - (battery < LOW_BATTERY)
+    return np.column_stack([motion, battery, noise]), rewards
+
+
+def _strong_and_weak(rng, number, add):
+    """Return x, y, four of noise and what `add` makes of generator and x."""
+    channels = _ar(rng, NUM_STEPS, 6)
+    rewards = channels[:, 0] + 0.4 * channels[:, 1] + 0.3 * rng.normal(size=NUM_STEPS)
+    return np.column_stack([channels, add(rng, channels[:, 0])]), rewards
+
+
+def _two_switches(rng, number):
+    switches = rng.integers(0, 2, size=2)
+    noise = rng.normal(size=(NUM_STEPS, 4))
+    rewards = (switches[0] ^ switches[1]) + 0.03 * rng.normal(size=NUM_STEPS)
+    return np.hstack([np.tile(switches, (NUM_STEPS, 1)), noise]), rewards
+
+
+def _wild_readings(rng, number):
+    channels = _ar(rng, NUM_STEPS, 4) + 3
+    rewards = channels[:, 0] + 0.3 * rng.normal(size=NUM_STEPS)
+    channels[rng.random(NUM_STEPS) < 0.02, 0] = WILD_READING
+    return channels, rewards
+
+
+def _one_wild_reading(rng, number):
+    channels = _ar(rng, NUM_STEPS, 4) + 3
+    rewards = channels[:, 0] + 0.3 * rng.normal(size=NUM_STEPS)
+    if number == 3:
+        channels[5, 0] = WILD_READING
+    return channels, rewards
+
+
+def _one_of_twelve(rng, number):
+    channels = _ar(rng, NUM_STEPS, 5)
+    scan = rng.normal(size=(NUM_STEPS, 12))
+    scan[:, 0] = channels[:, 0]
+    rewards = channels[:, 0] + 0.4 * channels[:, 1] + 0.2 * rng.normal(size=NUM_STEPS)
+    return np.hstack([scan, channels[:, 1:]]), rewards
+
+
+def _twelve_of_noise(rng, number):
+    channels = _ar(rng, NUM_STEPS, 5)
+    scan = rng.normal(size=(NUM_STEPS, 12))
+    rewards = channels[:, 0] + 0.4 * channels[:, 1] + 0.2 * rng.normal(size=NUM_STEPS)
+    return np.hstack([scan, channels]), rewards
+
+
+def _drift(rng, number):
+    age = AGEING * number
+    channels = rng.normal(size=(NUM_STEPS, 5))
+    channels[:, 0] = 30 + 8 * age + 0.5 * channels[:, 0]
+    return channels, age + 0.4 * rng.normal(size=NUM_STEPS)
+
+
+def _independent_noise(rng, number):
+    return rng.normal(size=(NUM_STEPS, 6)), rng.normal(size=NUM_STEPS)
+
+
+def _beside(rng, number):
+    channels = _ar(rng, NUM_STEPS, 2)
+    noise = rng.normal(size=NUM_STEPS)
+    walk = np.cumsum(rng.normal(size=NUM_STEPS))
+    rewards = channels[:, 0] + 0.3 * rng.normal(size=NUM_STEPS)
+    return np.column_stack([channels[:, 0], noise, walk, channels[:, 1]]), rewards
+
+
+def _noise_names(count: int) -> tuple[str, ...]:
+    return tuple(f'noise_{i}' for i in range(1, count + 1))
+
+
+_SCAN = tuple(f'scan_{i}' for i in range(1, 13))
+_X_Y_NOISE = ('x', 'y', *_noise_names(4))
+
+WORLDS = {
+    'point_robot': World(
+        _point_robot,
+        ('x', 'y', 'vx', 'vy', 'battery', *_noise_names(3), 'slow_1', 'slow_2'),
+        ('x', 'y', 'battery'),
+    ),
+    'copy': World(
+        partial(_strong_and_weak, add=lambda rng, x: x), (*_X_Y_NOISE, 'copy'), ('x', 'y')
+    ),
+    'noisy_copy': World(
+        partial(_strong_and_weak, add=lambda rng, x: x + 0.1 * rng.normal(size=len(x))),
+        (*_X_Y_NOISE, 'copy'),
+        ('x', 'y'),
+    ),
+    'dead_channel': World(
+        partial(_strong_and_weak, add=lambda rng, x: np.full(len(x), 7.0)),
+        (*_X_Y_NOISE, 'dead'),
+        ('x', 'y'),
+    ),
+    'two_switches': World(_two_switches, ('a', 'b', *_noise_names(4)), ('a', 'b')),
+    'wild_readings': World(_wild_readings, ('range', *_noise_names(3)), ('range',)),
+    'one_wild_reading': World(_one_wild_reading, ('range', *_noise_names(3)), ('range',)),
+    'one_of_twelve': World(
+        _one_of_twelve, (*_SCAN, 'x', *_noise_names(3)), ('scan', 'x'), {'scan': _SCAN}
+    ),
+    'twelve_of_noise': World(
+        _twelve_of_noise, (*_SCAN, 'x', 'y', *_noise_names(3)), ('x', 'y'), {'scan': _SCAN}
+    ),
+    'drift': World(_drift, ('temperature', *_noise_names(4)), ()),
+    'independent_noise': World(_independent_noise, _noise_names(6), ()),
+    'beside': World(_beside, ('x', 'noise', 'walk', 'other_x'), ('x',)),
+}
