@@ -81,8 +81,7 @@ class FieldPath:
         if self.indices:
             if len(value) <= max(self.indices):
                 raise MissingFieldError(
-                    f'{self.topic} has {len(value)} values; expected more than '
-                    f'{max(self.indices)}'
+                    f'{self.topic} has {len(value)} values; expected more than {max(self.indices)}'
                 )
             return [value[index] for index in self.indices]
         return [value]

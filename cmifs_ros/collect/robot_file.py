@@ -249,13 +249,13 @@ class _Reader:
 
     def robot(self, root) -> RobotFile | None:
         """Read everything; None if a mistake leaves no robot."""
-        top = self._mapping(
-            root, 'the file', ('step', 'channels', 'values', 'reward', 'episode')
-        )
+        top = self._mapping(root, 'the file', ('step', 'channels', 'values', 'reward', 'episode'))
         for key in ('step', 'channels', 'reward'):
             if key not in top and root is not None:
                 self._note(root, f'the file has no {key!r}')
-        step = self._mapping(top['step'], 'step', ('topic', 'rate', 'type')) if 'step' in top else {}
+        step = (
+            self._mapping(top['step'], 'step', ('topic', 'rate', 'type')) if 'step' in top else {}
+        )
         if 'step' in top and ('topic' in step) == ('rate' in step):
             self._note(top['step'], 'step has neither or both of topic and rate; expected one')
         rate = self._number(step.get('rate'), 'step.rate', 0.001, 10_000)
@@ -282,9 +282,7 @@ class _Reader:
         if isinstance(reward, FieldPath) and not reward.fields:
             self._note(top['reward'], 'reward is a topic without a field')
         episode = (
-            self._mapping(
-                top['episode'], 'episode', ('action', 'terminated', 'truncated', 'steps')
-            )
+            self._mapping(top['episode'], 'episode', ('action', 'terminated', 'truncated', 'steps'))
             if 'episode' in top
             else {}
         )
