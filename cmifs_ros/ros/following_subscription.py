@@ -1,0 +1,111 @@
+"""A subscription that receives from every publisher of its topic, whatever QoS these offer."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+
+#: Seconds between looks at the publishers.
+_LOOK_PERIOD = 0.2
+
+
+class FollowingSubscription:
+    """Subscribe to a topic of any type with the strongest QoS that all its publishers offer.
+
+    It is reliable only if all of them are, and transient local only if all are; without a publisher
+    it stays as it was, at first reliable and volatile. It is made anew when another QoS is
+    called for: what is on its way at that moment may be lost, or of latched messages come twice.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+        Owns the subscription; the looks at the publishers are a timer of it.
+    message_type : type
+    topic : str
+    callback : callable
+        Called with each message.
+    depth : int
+        Messages that may wait for the callback.
+    on_lost : callable, optional
+        Called with the number of messages that the middleware reports as lost.
+
+    Attributes
+    ----------
+    topic_name : str
+        The topic with its namespace, as remapped.
+    publishers : list of str
+        The nodes that publish it, one for each publisher, sorted.
+    clashes : dict of str to list of str
+        By another message type than the subscription's, the nodes that publish the topic with it.
+
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        message_type: type,
+        topic: str,
+        callback: Callable,
+        *,
+        depth: int = 1000,
+        on_lost: Callable[[int], None] | None = None,
+    ):
+        self._node, self._message_type, self._topic = node, message_type, topic
+        self._callback, self._on_lost = callback, on_lost
+        self._type_name = f'{message_type.__module__.split(".")[0]}/msg/{message_type.__name__}'
+        self._qos = QoSProfile(depth=depth)
+        self.publishers: list[str] = []
+        self.clashes: dict[str, list[str]] = {}
+        self._subscribe()
+        self.topic_name = self._subscription.topic_name
+        # Steady time: a simulated clock that stands still must not stop it.
+        clock = Clock(clock_type=ClockType.STEADY_TIME)
+        self._timer = node.create_timer(_LOOK_PERIOD, self._follow, clock=clock)
+
+    def destroy(self) -> None:
+        """End the subscription and its timer."""
+        self._node.destroy_timer(self._timer)
+        self._node.destroy_subscription(self._subscription)
+
+    def _subscribe(self) -> None:
+        events = SubscriptionEventCallbacks(
+            message_lost=self._on_message_lost,
+            use_default_callbacks=False,  # They would log what `_follow` mends.
+        )
+        self._subscription = self._node.create_subscription(
+            self._message_type, self._topic, self._callback, self._qos, event_callbacks=events
+        )
+
+    def _on_message_lost(self, event) -> None:
+        if self._on_lost is not None:
+            self._on_lost(event.total_count_change)
+
+    def _follow(self) -> None:
+        ours, clashes = [], {}
+        for publisher in self._node.get_publishers_info_by_topic(self.topic_name):
+            name = f'{publisher.node_namespace.rstrip("/")}/{publisher.node_name}'
+            if publisher.topic_type == self._type_name:
+                ours.append((name, publisher.qos_profile))
+            else:
+                clashes.setdefault(publisher.topic_type, []).append(name)
+        self.publishers = sorted(name for name, _ in ours)
+        self.clashes = {kind: sorted(names) for kind, names in clashes.items()}
+        if not ours:
+            return
+        profiles = [profile for _, profile in ours]
+        reliability, durability = ReliabilityPolicy.RELIABLE, DurabilityPolicy.TRANSIENT_LOCAL
+        if any(profile.reliability != reliability for profile in profiles):
+            reliability = ReliabilityPolicy.BEST_EFFORT
+        if any(profile.durability != durability for profile in profiles):
+            durability = DurabilityPolicy.VOLATILE
+        if (reliability, durability) != (self._qos.reliability, self._qos.durability):
+            self._qos = QoSProfile(
+                depth=self._qos.depth, reliability=reliability, durability=durability
+            )
+            self._node.destroy_subscription(self._subscription)
+            self._subscribe()
