@@ -42,6 +42,8 @@ setup(
         'console_scripts': [
             'demo = cmifs_ros.tools.demo:main',
             'downstream = cmifs_ros.tools.downstream:main',
+            'sampler_node = cmifs_ros.ros.run_node:sampler_node',
+            'select_from_bag = cmifs_ros.tools.select_from_bag:main',
             'selector_node = cmifs_ros.ros.run_node:selector_node',
             'simulator_node = cmifs_ros.ros.run_node:simulator_node',
         ],

@@ -87,7 +87,7 @@ class Expression:
             return math.nan
 
 
-def _check(node: ast.expr, names: set[str]) -> None:
+def _check(node: ast.expr, names: set[str]) -> None:  # noqa: PLR0912
     match node:
         case ast.Constant(value=int() | float()):
             if abs(node.value) > 1e300:
@@ -133,7 +133,7 @@ def _check_power(node: ast.expr) -> None:
         )
 
 
-def _value(node: ast.expr, values: Mapping[str, float], before: Mapping[str, float]):
+def _value(node: ast.expr, values: Mapping, before: Mapping):  # noqa: PLR0911
     match node:
         case ast.Constant():
             return float(node.value)

@@ -30,5 +30,5 @@ def test_what_a_message_lacks_is_said(path):
      '/a.b{x,x}', '/a.__class__', '/a.b[-1]', '/a.b[99999999999999999999]', '/a.b()'],
 )  # fmt: skip
 def test_what_is_no_path_is_refused_in_words(path):
-    with pytest.raises(ValueError, match='expected|at most|repeated'):
+    with pytest.raises(ValueError, match=r'expected|at most|repeated'):
         parse_field_path(path)

@@ -47,5 +47,5 @@ def test_all_mistakes_are_told_with_their_lines():
              'step: {rate: 0}\nchannels: {}\nreward: 9**9**9\n', '{[a]: 1}', '[' * 2000]
 )  # fmt: skip
 def test_what_is_no_robot_file_is_refused_in_words(text):
-    with pytest.raises(RobotFileError, match='line|no YAML'):
+    with pytest.raises(RobotFileError, match=r'line|no YAML'):
         parse_robot_file(text)
