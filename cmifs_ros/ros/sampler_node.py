@@ -63,8 +63,10 @@ class SamplerNode(Node):
             )
 
     def _callback(self, topic: str):
-        def take(message, info) -> None:
-            stamp = event_time(message, info['source_timestamp'])
+        def take(message) -> None:
+            # The EventsExecutor of rclpy 7.1.6 fails on callbacks that ask for the message's info,
+            # so that without a stamp it is the time of receipt.
+            stamp = event_time(message, self.get_clock().now().nanoseconds)
             for step in self._sampler.add(topic, message, stamp):
                 header = Header(stamp=conversions.stamp_from_nanoseconds(step.stamp))
                 self._state_publisher.publish(
