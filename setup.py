@@ -42,6 +42,8 @@ setup(
         'console_scripts': [
             'demo = cmifs_ros.tools.program:demo',
             'downstream = cmifs_ros.tools.program:downstream',
+            'sampler_node = cmifs_ros.ros.run_node:sampler_node',
+            'select_from_bag = cmifs_ros.tools.program:select_from_bag',
             'selector_node = cmifs_ros.ros.run_node:selector_node',
             'simulator_node = cmifs_ros.ros.run_node:simulator_node',
             'watch = cmifs_ros.tools.program:watch',

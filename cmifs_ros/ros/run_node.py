@@ -17,6 +17,11 @@ def selector_node() -> int:
     return run_node('selector_node', 'SelectorNode')
 
 
+def sampler_node() -> int:
+    """Run the sampler; see `run_node`."""
+    return run_node('sampler_node', 'SamplerNode')
+
+
 def simulator_node() -> int:
     """Run the simulator; see `run_node`."""
     return run_node('simulator_node', 'SimulatorNode')

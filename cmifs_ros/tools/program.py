@@ -33,6 +33,11 @@ def downstream() -> int:
     return start('cmifs_ros.tools.downstream')
 
 
+def select_from_bag() -> int:
+    """Select from recorded bags."""
+    return start('cmifs_ros.tools.select_from_bag')
+
+
 def watch() -> int:
     """Run the live view."""
     return start('cmifs_ros.tools.watch')

@@ -1,0 +1,304 @@
+"""The robot file: which topics are channels, what pays, and when an episode ends.
+
+It is data. Every mistake is reported at once, with its line, what was found and what is expected.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import yaml
+
+from .expression import Expression
+from .field_path import FieldPath, parse_field_path
+from .transitions import problem_of_names
+
+MAX_SIZE = 10**6
+#: Values that the sampler itself gives to expressions.
+OWN_VALUES = frozenset({'step', 'succeeded', 'aborted', 'canceled'})
+STATUS = '/_action/status'
+
+
+class RobotFileError(ValueError):
+    """A robot file cannot be used; the message has a line for each mistake."""
+
+
+@dataclass(frozen=True)
+class Source:
+    """A channel, a group of channels, or a value that is none.
+
+    Attributes
+    ----------
+    name : str
+    path : FieldPath
+    is_yaw : bool
+        The path is a quaternion; its values are the sine and the cosine of its yaw.
+    max_age : float
+        In seconds; `inf` for what is latched.
+    inf : str or None
+        Field of the message that stands for infinite values.
+    is_channel : bool
+        False: for reward and ends only.
+
+    """
+
+    name: str
+    path: FieldPath
+    is_yaw: bool = False
+    max_age: float = 1.0
+    inf: str | None = None
+    is_channel: bool = True
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of its channels: `yaw.sin`, `scan[30]`, `arm.elbow`; its own if it has one."""
+        suffixes = ('.sin', '.cos') if self.is_yaw else self.path.suffixes
+        return tuple(self.name + suffix for suffix in suffixes)
+
+
+@dataclass(frozen=True)
+class RobotFile:
+    """What a robot file says.
+
+    Attributes
+    ----------
+    step_topic : str or None
+        A step at each of its messages, or
+    rate : float or None
+        so many a second.
+    sources : tuple of Source
+    reward, terminated, truncated : Expression, FieldPath or None
+        A path stands for what its topic says until the next step.
+    action : str or None
+        An episode is a goal of it.
+    steps : int or None
+        An episode is truncated after so many steps.
+    types : dict of str to str
+        Type by topic, where the file names one.
+
+    """
+
+    step_topic: str | None
+    rate: float | None
+    sources: tuple[Source, ...]
+    reward: Expression | FieldPath
+    terminated: Expression | FieldPath | None = None
+    truncated: Expression | FieldPath | None = None
+    action: str | None = None
+    steps: int | None = None
+    types: dict[str, str] | None = None
+
+    @property
+    def channel_names(self) -> tuple[str, ...]:
+        """The channels of a state, in order."""
+        return tuple(name for s in self.sources if s.is_channel for name in s.names)
+
+    @property
+    def groups(self) -> dict[str, tuple[str, ...]]:
+        """Sensors of several channels, as the selector's groups."""
+        return {s.name: s.names for s in self.sources if s.is_channel and len(s.names) > 1}
+
+    @property
+    def topics(self) -> tuple[str, ...]:
+        """All topics that are needed, each once."""
+        paths = [s.path for s in self.sources]
+        paths += [p for p in (self.reward, self.terminated, self.truncated)
+                  if isinstance(p, FieldPath)]  # fmt: skip
+        own = [self.step_topic] if self.step_topic else []
+        own += [self.action + STATUS] if self.action else []
+        return tuple(dict.fromkeys(own + [path.topic for path in paths]))
+
+
+def load_robot_file(path: str | Path) -> RobotFile:
+    """Read a robot file.
+
+    Raises
+    ------
+    RobotFileError
+        With all mistakes, a line each.
+    OSError
+        If it cannot be read.
+
+    """
+    with open(path, 'rb') as file:
+        content = file.read(MAX_SIZE + 1)
+    if len(content) > MAX_SIZE:
+        raise RobotFileError(f'{path}: more than {MAX_SIZE} bytes; expected a robot file')
+    try:
+        return parse_robot_file(content.decode())
+    except UnicodeDecodeError:
+        raise RobotFileError(f'{path}: no text; expected a robot file in YAML') from None
+    except RobotFileError as error:
+        raise RobotFileError(f'{path}:\n{error}') from None
+
+
+def parse_robot_file(text: str) -> RobotFile:
+    """Read the text of a robot file; see `load_robot_file`."""
+    try:
+        root = yaml.compose(text, Loader=yaml.SafeLoader)
+    except (yaml.YAMLError, RecursionError) as error:
+        raise RobotFileError(f'no YAML: {" ".join(str(error).split())[:300]}') from None
+    reader = _Reader()
+    robot = reader.robot(root)
+    if reader.mistakes:
+        raise RobotFileError(
+            '\n'.join(f'line {line}: {what}' for line, what in sorted(reader.mistakes))
+        )
+    return robot
+
+
+class _Reader:
+    """Walk the YAML nodes, which know their lines, and note mistakes instead of stopping."""
+
+    def __init__(self):
+        self.mistakes: list[tuple[int, str]] = []
+        self._types: dict[str, str] = {}
+
+    def _note(self, node, what: str) -> None:
+        self.mistakes.append(((node.start_mark.line + 1) if node is not None else 1, what))
+
+    def _mapping(self, node, what: str, keys: tuple[str, ...] | None) -> dict:
+        if not isinstance(node, yaml.MappingNode):
+            self._note(node, f'{what} is {_shown(node)}; expected a mapping')
+            return {}
+        found: dict = {}
+        for key, value in node.value:
+            name = key.value if isinstance(key, yaml.ScalarNode) else _shown(key)
+            if keys is not None and name not in keys:
+                self._note(key, f'{what} has {name[:60]!r}; expected {", ".join(keys)}')
+            elif name in found:
+                self._note(key, f'{what} has {name[:60]!r} twice')
+            else:
+                found[name] = value
+        return found
+
+    def _number(self, node, what: str, low: float, high: float, default=None):
+        if node is None:
+            return default
+        try:
+            value = float(node.value.replace('.inf', 'inf'))
+        except (ValueError, AttributeError):
+            value = math.nan
+        if not low <= value <= high:
+            self._note(node, f'{what} is {_shown(node)}; expected a number from {low} to {high}')
+            return default
+        return value
+
+    def _path(self, node, what: str) -> FieldPath | None:
+        if not isinstance(node, yaml.ScalarNode):
+            self._note(node, f'{what} is {_shown(node)}; expected a path such as /odom.pose')
+            return None
+        try:
+            return parse_field_path(node.value)
+        except ValueError as error:
+            self._note(node, f'{what}: {error}')
+            return None
+
+    def _rule(self, node, what: str, known: set[str]) -> Expression | FieldPath | None:
+        if node is None:
+            return None
+        if not isinstance(node, yaml.ScalarNode):
+            self._note(node, f'{what} is {_shown(node)}; expected an expression or a path')
+            return None
+        if node.value.startswith('/'):
+            return self._path(node, what)
+        try:
+            rule = Expression(node.value)
+        except ValueError as error:
+            self._note(node, f'{what}: {error}')
+            return None
+        if rule.names - known:
+            self._note(
+                node,
+                f'{what} uses {", ".join(sorted(rule.names - known))[:60]}; expected names of '
+                f'channels or values: {", ".join(sorted(known))[:300]}',
+            )
+        return rule
+
+    def _source(self, name: str, node, is_channel: bool) -> Source | None:
+        if isinstance(node, yaml.ScalarNode):
+            path = self._path(node, name)
+            return path and self._checked(Source(name, path, is_channel=is_channel), node)
+        parts = self._mapping(node, name, ('path', 'as', 'max_age', 'inf', 'type'))
+        if 'path' not in parts:
+            self._note(node, f'{name} has no path')
+            return None
+        path = self._path(parts['path'], name)
+        max_age = self._number(parts.get('max_age'), f'{name}.max_age', 0, math.inf, 1.0)
+        kind, inf = parts.get('as'), parts.get('inf')
+        if kind is not None and kind.value != 'yaw':
+            self._note(kind, f'{name}.as is {_shown(kind)}; expected yaw')
+        if inf is not None and not (isinstance(inf, yaml.ScalarNode) and inf.value.isidentifier()
+                                    and not inf.value.startswith('_')):  # fmt: skip
+            self._note(inf, f'{name}.inf is {_shown(inf)}; expected a field such as range_max')
+            inf = None
+        if path is None:
+            return None
+        if 'type' in parts:
+            self._types[path.topic] = str(parts['type'].value)
+        source = Source(name, path, kind is not None, max_age, inf and inf.value, is_channel)
+        return self._checked(source, node)
+
+    def _checked(self, source: Source, node) -> Source | None:
+        if not source.path.fields:
+            self._note(node, f'{source.name} is a topic without a field; expected /topic.field')
+            return None
+        return source
+
+    def robot(self, root) -> RobotFile | None:
+        """Read everything; None if a mistake leaves no robot."""
+        top = self._mapping(root, 'the file', ('step', 'channels', 'values', 'reward', 'episode'))
+        for key in ('step', 'channels', 'reward'):
+            if key not in top and root is not None:
+                self._note(root, f'the file has no {key!r}')
+        step = (
+            self._mapping(top['step'], 'step', ('topic', 'rate', 'type')) if 'step' in top else {}
+        )
+        if 'step' in top and ('topic' in step) == ('rate' in step):
+            self._note(top['step'], 'step has neither or both of topic and rate; expected one')
+        rate = self._number(step.get('rate'), 'step.rate', 0.001, 10_000)
+        clock = self._path(step['topic'], 'step.topic') if 'topic' in step else None
+        if clock is not None and clock.fields:
+            self._note(step['topic'], 'step.topic names a field; expected a topic such as /odom')
+        sources = []
+        for section, is_channel in (('channels', True), ('values', False)):
+            if section in top:
+                for name, node in self._mapping(top[section], section, None).items():
+                    sources.append(self._source(name, node, is_channel))
+        found = tuple(source for source in sources if source is not None)
+        names = [name for source in found for name in source.names]
+        if 'channels' in top and not sources:
+            self._note(top['channels'], 'no channels; expected at least one')
+        problem = problem_of_names(names)
+        if problem:
+            self._note(top.get('channels'), f'the channels have {problem}')
+        known = {source.name for source in sources if source} | set(names) | OWN_VALUES
+        known |= {name for key in ('channels', 'values')
+                  if isinstance(top.get(key), yaml.MappingNode)
+                  for name in (str(k.value) for k, _ in top[key].value)}  # fmt: skip
+        reward = self._rule(top.get('reward'), 'reward', known)
+        if isinstance(reward, FieldPath) and not reward.fields:
+            self._note(top['reward'], 'reward is a topic without a field')
+        episode = (
+            self._mapping(top['episode'], 'episode', ('action', 'terminated', 'truncated', 'steps'))
+            if 'episode' in top
+            else {}
+        )
+        terminated = self._rule(episode.get('terminated'), 'episode.terminated', known)
+        truncated = self._rule(episode.get('truncated'), 'episode.truncated', known)
+        action = self._path(episode['action'], 'episode.action') if 'action' in episode else None
+        steps = self._number(episode.get('steps'), 'episode.steps', 1, 10**6)
+        if self.mistakes:
+            return None
+        return RobotFile(
+            clock and clock.topic, rate, found, reward, terminated, truncated,
+            action and action.topic, steps and int(steps), self._types,
+        )  # fmt: skip
+
+
+def _shown(node) -> str:
+    if isinstance(node, yaml.ScalarNode):
+        return repr(node.value[:60])
+    return {yaml.MappingNode: 'a mapping', yaml.SequenceNode: 'a list'}.get(type(node), 'nothing')

@@ -1,0 +1,304 @@
+"""From a robot's messages to steps: states and rewards in event time.
+
+The same class for live messages and for those of a bag. Messages wait until every stream has
+passed their time or `lateness` is over, so that the order of arrival does not matter.
+"""
+
+from __future__ import annotations
+
+import heapq
+import math
+from array import array
+from collections import Counter
+from typing import NamedTuple
+
+from .expression import Expression
+from .field_path import FieldPath, MissingFieldError
+from .robot_file import STATUS, RobotFile, Source
+from .transitions import RewardSample
+
+SECOND = 1_000_000_000
+#: A single message this far from the others is wrong; two in a row mean that the clock was set.
+JUMP = 60 * SECOND
+MAX_WAITING = 100_000
+_EXECUTING = (1, 2, 3)
+_ENDED = {4: 'succeeded', 5: 'canceled', 6: 'aborted'}
+
+
+class Step(NamedTuple):
+    """One step: nanoseconds, values in the order of `RobotFile.channel_names`, and its reward."""
+
+    stamp: int
+    state: array
+    sample: RewardSample
+
+
+def event_time(message, sent: int) -> int:
+    """Return when a message was: its header's stamp if there is one other than 0, else `sent`."""
+    stamp = getattr(getattr(message, 'header', None), 'stamp', None)
+    if stamp is None:
+        return sent
+    return stamp.sec * SECOND + stamp.nanosec or sent
+
+
+class Sampler:
+    """Make steps of messages.
+
+    Parameters
+    ----------
+    robot : RobotFile
+    lateness : float, optional
+        For how long, in seconds of event time, a message waits for those of silent streams.
+
+    Attributes
+    ----------
+    received, late, wrong : collections.Counter
+        Messages by topic: taken, too late to be used, without the field or with a far stamp.
+    missing : collections.Counter
+        Steps that lack a channel or value, by its name.
+    num_steps : int
+        Steps made.
+
+    """
+
+    def __init__(self, robot: RobotFile, lateness: float = 0.5):
+        self._robot = robot
+        self._lateness = int(lateness * SECOND)
+        self._by_topic: dict[str, list[Source]] = {topic: [] for topic in robot.topics}
+        for source in robot.sources:
+            self._by_topic[source.path.topic].append(source)
+        self._period = int(SECOND / robot.rate) if robot.rate else None
+        self.received: Counter[str] = Counter()
+        self.late: Counter[str] = Counter()
+        self.wrong: Counter[str] = Counter()
+        self.missing: Counter[str] = Counter()
+        self.last_wrong = ''
+        self.num_steps = 0
+        self._sequence = 0
+        self._episode = 0
+        self._rank = {topic: rank for rank, topic in enumerate(robot.topics)}
+        self._set_clock()
+
+    def _set_clock(self) -> None:
+        """Begin anew: nothing is known of a clock that was set."""
+        self._waiting: list = []
+        self._newest: dict[str, int] = {}
+        self._passed: int | None = None  # All before this time has been worked through.
+        self._suspect: int | None = None
+        self._held: dict[str, tuple[int, list[float]]] = {}
+        self._next_tick: int | None = None
+        self._goal: bytes | None = None
+        self._begin_episode()
+
+    def _begin_episode(self) -> None:
+        self._left: tuple[int, array | None, dict] | None = None
+        self._step = 0
+        self._sum = 0.0
+        self._has_reward = False
+        self._events = dict.fromkeys(('terminated', 'truncated', *_ENDED.values()), False)
+
+    def add(self, topic: str, message, stamp: int) -> list[Step]:
+        """Take a message; return the steps that are complete now.
+
+        Parameters
+        ----------
+        topic : str
+            One of the robot file's.
+        message : object
+            With the message's attributes; not kept after its values were read.
+        stamp : int
+            Its event time in nanoseconds, see `event_time`.
+
+        """
+        self.received[topic] += 1
+        steps = []
+        newest = max(self._newest.values(), default=None)
+        if newest is not None and abs(stamp - newest) > JUMP:
+            if self._suspect is None or abs(stamp - self._suspect) > JUMP:
+                self._suspect = stamp
+                self._note_wrong(topic, f'stamp {stamp} ns is far from {newest} ns')
+                return []
+            steps = self.flush()
+            self._episode += 1
+            self._set_clock()
+        self._suspect = None
+        if self._passed is not None and stamp < self._passed:
+            self.late[topic] += 1
+            return steps
+        content = self._read(topic, message)
+        self._sequence += 1
+        heapq.heappush(self._waiting, (stamp, self._rank[topic], self._sequence, topic, content))
+        self._newest[topic] = max(stamp, self._newest.get(topic, stamp))
+        limit = max(self._newest.values()) - self._lateness
+        if len(self._newest) == len(self._by_topic):
+            limit = max(limit, min(self._newest.values()))
+        if len(self._waiting) > MAX_WAITING:
+            limit = max(limit, self._waiting[0][0] + 1)
+        return steps + self._work(limit)
+
+    def flush(self) -> list[Step]:
+        """Work through all that waits, at the end of a bag; the open episode stays open."""
+        return self._work(max(self._newest.values()) + 1) if self._newest else []
+
+    def _note_wrong(self, topic: str, what: str) -> None:
+        self.wrong[topic] += 1
+        self.last_wrong = f'{topic}: {what}'
+
+    def _read(self, topic: str, message) -> dict:
+        """Return what the message says, so that itself need not be kept."""
+        content: dict = {}
+        for source in self._by_topic[topic]:
+            try:
+                content[source.name] = _values(source, message)
+            except (MissingFieldError, TypeError, ValueError, AttributeError) as error:
+                self._note_wrong(topic, str(error))
+        for key in ('reward', 'terminated', 'truncated'):
+            rule = getattr(self._robot, key)
+            if isinstance(rule, FieldPath) and rule.topic == topic:
+                try:
+                    content[key, 'rule'] = (
+                        sum(map(_number, rule.read(message))) if rule.fields else 1.0
+                    )
+                except (MissingFieldError, TypeError, ValueError) as error:
+                    self._note_wrong(topic, str(error))
+        if self._robot.action and topic == self._robot.action + STATUS:
+            content['goals',] = [
+                (bytes(map(int, entry.goal_info.goal_id.uuid)), int(_number(entry.status)))
+                for entry in message.status_list
+            ]
+        return content
+
+    def _work(self, limit: int) -> list[Step]:
+        """Work through what is before a time, in groups of equal time."""
+        steps = []
+        while self._waiting and self._waiting[0][0] < limit:
+            time = self._waiting[0][0]
+            steps += self._tick(time)
+            is_step = False
+            while self._waiting and self._waiting[0][0] == time:
+                _, _, _, topic, content = heapq.heappop(self._waiting)
+                is_step |= topic == self._robot.step_topic
+                self._take(time, content)
+            if is_step:
+                steps += self._make_step(time)
+        if self._passed is None or limit > self._passed:
+            self._passed = limit
+        return steps
+
+    def _tick(self, time: int) -> list[Step]:
+        """Make the steps of a fixed rate that lie before a time."""
+        if self._period is None:
+            return []
+        steps = []
+        if self._next_tick is None:
+            self._next_tick = -(-time // self._period) * self._period
+        while self._next_tick < time:
+            steps += self._make_step(self._next_tick)
+            self._next_tick += self._period
+        return steps
+
+    def _take(self, time: int, content: dict) -> None:
+        for key, value in content.items():
+            if key == ('reward', 'rule'):
+                self._sum += value
+                self._has_reward = True
+            elif key == ('goals',):
+                self._follow_goals(value)
+            elif isinstance(key, tuple):
+                self._events[key[0]] |= bool(value)
+            else:
+                self._held[key] = (time, value)
+
+    def _follow_goals(self, goals: list[tuple[bytes, int]]) -> None:
+        for goal, status in goals:
+            if goal == self._goal and status in _ENDED:
+                self._events[_ENDED[status]] = True
+                self._events['truncated' if status == 5 else 'terminated'] = True
+                self._goal = None
+        running = [goal for goal, status in goals if status in _EXECUTING]
+        if running and self._goal not in running:
+            self._events['truncated'] |= self._goal is not None
+            self._goal = running[-1]
+
+    def _make_step(self, time: int) -> list[Step]:
+        """Reach a step: the transition from the one before is complete."""
+        state, values = self._state(time)
+        steps, left = [], self._left
+        if left is None:
+            # Outside an action's goals, and before every channel has spoken, none begins.
+            may_begin = self._robot.action is None or self._goal is not None
+            if may_begin and (state is not None or self.num_steps):
+                self._begin_episode()
+                self._left = (time, state, values)
+            return []
+        self._step += 1
+        values |= {'step': float(self._step)}
+        values |= {name: float(self._events[name]) for name in _ENDED.values()}
+        terminated = self._ends('terminated', values, left[2])
+        truncated = self._ends('truncated', values, left[2]) or self._step == self._robot.steps
+        reward = self._reward(values, left[2])
+        if left[1] is not None and math.isfinite(reward):
+            sample = RewardSample(
+                reward, terminated, truncated and not terminated, self._episode, self._step - 1
+            )
+            steps.append(Step(left[0], left[1], sample))
+            self.num_steps += 1
+        elif left[1] is not None:
+            self.missing['reward'] += 1
+        if terminated or truncated:
+            self._episode += 1
+            self._begin_episode()
+        else:
+            self._left = (time, state, values)
+            self._sum = 0.0
+            self._has_reward = False
+        return steps
+
+    def _state(self, time: int) -> tuple[array | None, dict[str, float]]:
+        """Return the state at a time, None if it lacks a channel, and all values by name."""
+        state, values, is_whole = array('d'), {}, True
+        for source in self._robot.sources:
+            since, held = self._held.get(source.name, (None, []))
+            if since is None or time - since > source.max_age * SECOND or not all(
+                map(math.isfinite, held)
+            ):  # fmt: skip
+                self.missing[source.name] += 1
+                is_whole &= not source.is_channel
+                values |= dict.fromkeys((source.name, *source.names), math.nan)
+                continue
+            if source.is_channel:
+                state.extend(held)
+            values |= zip(source.names, held, strict=True)
+        return (state if is_whole else None), values
+
+    def _ends(self, key: str, values: dict, before: dict) -> bool:
+        rule = getattr(self._robot, key)
+        if isinstance(rule, Expression):
+            value = rule(values, {**dict.fromkeys(values, math.nan), **before})
+            return self._events[key] or (not math.isnan(value) and bool(value))
+        return self._events[key]
+
+    def _reward(self, values: dict, before: dict) -> float:
+        if isinstance(self._robot.reward, Expression):
+            return self._robot.reward(values, {**dict.fromkeys(values, math.nan), **before})
+        return self._sum if self._has_reward else 0.0
+
+
+def _number(value) -> float:
+    """Return a field as a number; a `byte` is b'3' in rclpy and 3 in rosbags."""
+    return float(value[0] if isinstance(value, bytes) else value)
+
+
+def _values(source: Source, message) -> list[float]:
+    found = source.path.read(message)
+    if source.is_yaw:
+        q = found[0]
+        sine = 2 * (q.w * q.z + q.x * q.y)
+        cosine = 1 - 2 * (q.y * q.y + q.z * q.z)
+        length = math.hypot(sine, cosine) or math.nan
+        return [sine / length, cosine / length]
+    values = list(map(_number, found))
+    if source.inf is not None:
+        instead = _number(getattr(message, source.inf))
+        values = [instead if value == math.inf else value for value in values]
+    return values

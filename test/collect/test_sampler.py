@@ -1,0 +1,133 @@
+"""The sampler: event time, gaps, ends, and that the order of arrival does not matter."""
+
+from types import SimpleNamespace as Message
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cmifs_ros.collect.robot_file import parse_robot_file
+from cmifs_ros.collect.sampler import SECOND, Sampler, event_time
+from cmifs_ros.collect.transitions import EpisodeAssembler
+
+FILE = """
+step: {topic: /a}
+channels: {a: /a.data, b: {path: /b.data, max_age: 0.25}}
+reward: "a - before(a)"
+episode: {%s}
+"""
+MS = SECOND // 1000
+
+
+def steps_of(episode, messages, lateness=0.5):
+    """Return the steps of (topic, milliseconds, value) and the sampler."""
+    sampler, steps = Sampler(parse_robot_file(FILE % episode), lateness), []
+    for topic, time, value in messages:
+        steps += sampler.add(topic, Message(data=value), time * MS)
+    return steps + sampler.flush(), sampler
+
+
+def test_a_message_at_exactly_the_steps_time_belongs_to_it():
+    steps, _ = steps_of('steps: 9', [('/a', 0, 1), ('/b', 0, 5), ('/a', 100, 3), ('/b', 100, 6),
+                                     ('/a', 200, 4)])  # fmt: skip
+    assert [(s.stamp, list(s.state), s.sample.reward) for s in steps] == [
+        (0, [1, 5], 2),
+        (100 * MS, [3, 6], 1),
+    ]
+
+
+def test_no_step_before_every_topic_has_spoken_and_none_with_an_old_value():
+    messages = [('/a', 100 * t, t) for t in range(10)] + [('/b', 250, 7)]
+    steps, sampler = steps_of('steps: 99', messages, lateness=5)
+    assert [s.stamp // MS for s in steps] == [300, 400, 500]
+    assert sampler.missing['b'] == 3 + 4
+
+
+def test_windows_are_truncated_and_an_open_end_is_not_an_episode():
+    messages = [(topic, 100 * t, t) for t in range(10) for topic in ('/a', '/b')]
+    steps, _ = steps_of('steps: 3', messages)
+    assert [s.sample.truncated for s in steps] == [False, False, True] * 2 + [False]
+    assert len(episodes_of(steps)) == 2
+
+
+def test_terminated_by_an_expression():
+    messages = [(topic, 100 * t, t) for t in range(10) for topic in ('/a', '/b')]
+    steps, _ = steps_of('terminated: a == 4', messages)
+    assert [s.sample.terminated for s in steps].index(True) == 3
+
+
+def test_a_far_stamp_is_left_out_and_a_clock_set_back_begins_anew():
+    first = [(topic, 10**6 + 100 * t, t) for t in range(5) for topic in ('/a', '/b')]
+    far = [('/b', 10**9, 0)]
+    again = [(topic, 100 * t, t) for t in range(5) for topic in ('/a', '/b')]
+    steps, sampler = steps_of('steps: 2', first + far + first[-2:] + again)
+    assert sampler.wrong['/b'] == 1
+    assert sampler.wrong['/a'] == 1  # The first after the clock was set.
+    assert steps[-1].stamp < 10**6 * MS
+
+
+def test_arrays_that_change_their_length_are_gaps():
+    robot = parse_robot_file('step: {topic: /s}\nchannels: {s: "/s.r[0:3]"}\nreward: "1"\n')
+    sampler = Sampler(robot)
+    for time, length in enumerate([3, 3, 2, 3]):
+        sampler.add('/s', Message(r=np.ones(length)), time * SECOND * 2)
+    sampler.flush()
+    assert sampler.wrong['/s'] == 1
+    assert sampler.missing['s'] == 1
+
+
+def test_event_time():
+    header = Message(stamp=Message(sec=2, nanosec=3))
+    assert event_time(Message(header=header), 9) == 2 * SECOND + 3
+    assert event_time(Message(header=Message(stamp=Message(sec=0, nanosec=0))), 9) == 9
+    assert event_time(Message(data=1), 9) == 9
+
+
+def goals(*entries):
+    return Message(status_list=[
+        Message(status=status, goal_info=Message(goal_id=Message(uuid=[goal] * 16)))
+        for goal, status in entries
+    ])  # fmt: skip
+
+
+def test_an_episode_is_a_goal():
+    sampler, steps = Sampler(parse_robot_file(FILE % 'action: /go')), []
+    status = {2: goals((1, 2)), 5: goals((1, 4)), 6: goals((1, 4), (2, 2)), 9: goals((2, 5))}
+    for t in range(12):
+        if t in status:
+            steps += sampler.add('/go/_action/status', status[t], t * 100 * MS)
+        steps += sampler.add('/a', Message(data=t), t * 100 * MS)
+        steps += sampler.add('/b', Message(data=t), t * 100 * MS)
+    steps += sampler.flush()
+    assert [(s.stamp // (100 * MS), s.sample.terminated, s.sample.truncated) for s in steps] == [
+        (2, False, False), (3, False, False), (4, True, False),
+        (6, False, False), (7, False, False), (8, False, True),
+    ]  # fmt: skip
+
+
+def episodes_of(steps):
+    assembler, episodes = EpisodeAssembler(1000), []
+    for step in steps:
+        episodes += assembler.add_state(step.stamp, ['a', 'b'], step.state)
+        episodes += assembler.add_reward(step.stamp, step.sample)
+    return episodes
+
+
+@given(
+    st.lists(
+        st.tuples(st.sampled_from(['/a', '/b']), st.integers(0, 40), st.floats(-9, 9)),
+        min_size=1, max_size=60,
+    ),
+    st.lists(st.integers(0, 400), min_size=60, max_size=60),
+)  # fmt: skip
+def test_the_order_of_arrival_does_not_matter_within_the_lateness(messages, delays):
+    """Live messages come late by different topics; those of a bag are in the order of time."""
+    messages = sorted(((t, 50 * time, v) for t, time, v in messages), key=lambda m: m[1])
+    delay = dict(zip(('/a', '/b'), delays, strict=False))
+    arrived = sorted(messages, key=lambda m: m[1] + delay[m[0]])
+    (bag, _), (live, sampler) = steps_of('steps: 4', messages), steps_of('steps: 4', arrived)
+    assert not sampler.late
+    assert bag == live
+    for one, other in zip(episodes_of(bag), episodes_of(live), strict=True):
+        assert one.states.tobytes() == other.states.tobytes()
+        assert one.rewards.tobytes() == other.rewards.tobytes()
