@@ -65,7 +65,7 @@ class Watcher:
                 )
 
     def _on_scores(self, msg: JointState) -> None:
-        self.snapshot.ranking, self.snapshot.gains = list(msg.name), list(msg.position)
+        self.snapshot.ranking, self.snapshot.scores = list(msg.name), list(msg.position)
 
 
 def run(namespace: str, console: Console) -> int:

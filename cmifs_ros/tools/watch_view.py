@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import accumulate
 from typing import NamedTuple
 
 from rich.console import Group
@@ -39,8 +38,8 @@ class Snapshot:
     statuses : dict of str to Status
         By what they are of: input, selection, storage.
     ranking : sequence of str
-    gains : sequence of float
-        What each sensor of the ranking adds to the score.
+    scores : sequence of float
+        The criterion of the first 1, 2, ... sensors of the ranking.
     silence : float
         Seconds since the last diagnostics.
     elsewhere : sequence of str
@@ -51,7 +50,7 @@ class Snapshot:
     selector: str = ''
     statuses: dict[str, Status] = field(default_factory=dict)
     ranking: Sequence[str] = ()
-    gains: Sequence[float] = ()
+    scores: Sequence[float] = ()
     silence: float = 0.0
     elsewhere: Sequence[str] = ()
 
@@ -162,7 +161,7 @@ def _ranking(snapshot: Snapshot, max_sensors: int):
     values = snapshot.statuses['selection'].values if 'selection' in snapshot.statuses else {}
     statuses = by_sensor(snapshot.ranking, values.get('statuses', ''))
     pvalues = by_sensor(snapshot.ranking, values.get('pvalues', ''))
-    scores = list(accumulate(snapshot.gains))
+    scores = snapshot.scores
     best = max([*scores, 0.0])
     table = Table(box=None, pad_edge=False, header_style='bold')
     table.add_column('', justify='right')

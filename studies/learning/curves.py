@@ -158,8 +158,9 @@ def run(options: argparse.Namespace) -> None:
         for result in tqdm(results, total=len(todo), file=sys.stdout, disable=None):
             csv.writer(file, lineterminator='\n').writerows(result)
             file.flush()
-    rows = read(options.out)
-    kinds = sorted(set(cases), key=lambda c: (options.tasks.index(c.task), c.episodes))
+    asked_for = {tuple(map(str, case)) for case in cases}
+    rows = [r for r in read(options.out) if tuple(r[key] for key in COLUMNS[:4]) in asked_for]
+    kinds = sorted(dict.fromkeys(cases), key=lambda c: (options.tasks.index(c.task), c.episodes))
     print(f'\nreturn over {FRESH_EPISODES} fresh episodes; seeds from {options.first_seed}\n')
     print(table(rows, kinds, options.regressors), end='')
 

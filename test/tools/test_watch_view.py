@@ -29,7 +29,7 @@ def text_of(snapshot, width=80, **options):
 def snapshot(level=0, message='selected x, y', values=SELECTION, **other):
     known = {
         'ranking': ['x', 'y', 'battery'],
-        'gains': [0.25, 0.75, -0.5],
+        'scores': [0.25, 1.0, 0.5],
         'statuses': {
             'input': Status(0, 'collecting', {'episodes': '120', 'messages dropped: late': '3'}),
             'selection': Status(level, message, values),
@@ -76,7 +76,7 @@ def test_a_selector_in_another_namespace_is_pointed_at():
 
 
 def test_a_long_ranking_is_cut_and_says_so():
-    many = snapshot(ranking=[f's{i}' for i in range(30)], gains=[0.1] * 30)
+    many = snapshot(ranking=[f's{i}' for i in range(30)], scores=[0.1] * 30)
     assert 'and 25 more' in text_of(many, max_sensors=5)
 
 
@@ -85,14 +85,14 @@ def test_a_long_ranking_is_cut_and_says_so():
     st.lists(st.floats(allow_nan=True), min_size=5, max_size=5),
     st.text(max_size=100),
 )
-def test_no_name_or_message_breaks_the_view_or_steers_the_terminal(names, gains, message):
+def test_no_name_or_message_breaks_the_view_or_steers_the_terminal(names, scores, message):
     values = SELECTION | {'names': message, 'age in s': message, 'progress': message}
-    text = text_of(snapshot(1, message, values, ranking=names, gains=gains[: len(names)]))
+    text = text_of(snapshot(1, message, values, ranking=names, scores=scores[: len(names)]))
     assert all(c.isprintable() or c == '\n' for c in text)
 
 
 def test_square_brackets_are_shown_and_not_taken_for_style():
-    assert '[red]scan[0]' in text_of(snapshot(ranking=['[red]scan[0]'], gains=[1.0]))
+    assert '[red]scan[0]' in text_of(snapshot(ranking=['[red]scan[0]'], scores=[1.0]))
 
 
 names = st.lists(st.text('ab, ', min_size=1, max_size=6), min_size=1, max_size=8, unique=True)
