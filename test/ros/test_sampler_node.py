@@ -84,7 +84,7 @@ class Drive:
 
 def test_a_robot_of_its_own_topics_gives_episodes_and_groups(start, robot, robot_file):
     sampler = start('sampler_node', robot_file=robot_file)
-    start('selector_node', selection_period=0.0, min_episodes=3, num_features=1)
+    start('selector_node', selection_period=0.0, min_episodes=3, num_features=4)
     states = []
     robot.node.create_subscription(JointState, 'state', states.append, 10)
     robot.until(lambda: {'sampler: steps', 'selector: input'} <= robot.diagnostics.keys())
@@ -95,9 +95,9 @@ def test_a_robot_of_its_own_topics_gives_episodes_and_groups(start, robot, robot
     assert list(states[-1].name) == CHANNELS
     assert states[-1].position[4:6] == pytest.approx([states[-1].position[3], 8])
     assert states[-1].position[1:3] == pytest.approx([0, 1])
-    parameters = json.loads(robot.diagnostics['selector: selection'][2]['parameters'])
-    assert parameters['sensor_groups'] == 'auto'
-    reply = json.loads(robot.call(robot.select_client).message)
+    refusal = robot.set_parameter('num_features', 5)
+    assert 'expected at most 4, the number of sensors' in refusal.reason
+    reply = json.loads(robot.call(robot.select_client, seconds=120).message)
     assert set(reply['ranking']) == {'x', 'yaw', 'scan', 'radio'}
     robot.until(lambda: robot.diagnostics['sampler: /scan'][0] == OK)
     values = robot.diagnostics['sampler: /scan'][2]
