@@ -1,0 +1,173 @@
+"""Any robot: messages of its own types become episodes of the selector, by the robot file alone."""
+
+import json
+import random
+import signal
+import time
+
+import pytest
+from action_msgs.msg import GoalStatus, GoalStatusArray
+from nav_msgs.msg import Odometry
+from rclpy.qos import QoSProfile, ReliabilityPolicy, qos_profile_action_status_default
+from sensor_msgs.msg import JointState, LaserScan
+from std_msgs.msg import Float32, String
+
+from cmifs_ros.ros import conversions
+
+FILE = """
+step: {topic: /odom}
+channels:
+  x: /odom.pose.pose.position.x
+  yaw: {path: /odom.pose.pose.orientation, as: yaw}
+  scan: {path: "/scan.ranges[0:12:4]", inf: range_max}
+  radio: {path: /radio.data, max_age: 5.0}
+reward: "x - before(x) + 10 * succeeded"
+episode: {action: /go}
+"""
+CHANNELS = ['x', 'yaw.sin', 'yaw.cos', 'scan[0]', 'scan[4]', 'scan[8]', 'radio']
+BEST_EFFORT = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
+OK, WARN, STALE = b'\x00', b'\x01', b'\x03'
+
+
+@pytest.fixture
+def robot_file(tmp_path):
+    path = tmp_path / 'robot.yaml'
+    path.write_text(FILE)
+    return path
+
+
+class Drive:
+    """A robot that moves ahead by itself, 100 steps a second; 10 of them are a goal."""
+
+    def __init__(self, robot):
+        node = robot.node
+        self._clock = node.get_clock()
+        self._publishers = {
+            'odom': node.create_publisher(Odometry, '/odom', 10),
+            'scan': node.create_publisher(LaserScan, '/scan', BEST_EFFORT),
+            'radio': node.create_publisher(Float32, '/radio', 10),
+            'status': node.create_publisher(
+                GoalStatusArray, '/go/_action/status', qos_profile_action_status_default
+            ),
+        }
+        self.silent = set()
+        self.count, self._x, self._random = 0, 0.0, random.Random(0)
+        node.create_timer(0.01, self._move)
+
+    def publish(self, topic, message):
+        if topic not in self.silent:
+            self._publishers[topic].publish(message)
+
+    def _move(self):
+        goal, step = divmod(self.count, 10)
+        stamp = self._clock.now().to_msg()
+        if step == 0:
+            status = GoalStatusArray()
+            for number, code in ((goal - 1, 4), (goal, 2)):
+                entry = GoalStatus(status=code)
+                entry.goal_info.goal_id.uuid[:2] = divmod(number % 65536, 256)
+                entry.goal_info.stamp = stamp
+                status.status_list.append(entry)
+            self.publish('status', status)
+        scan = LaserScan(range_max=8.0, ranges=[float(step)] * 8 + [float('inf')] * 4)
+        scan.header.stamp = stamp
+        self.publish('scan', scan)
+        self.publish('radio', Float32(data=self._random.gauss(-40, 2)))
+        odometry = Odometry()
+        odometry.header.stamp = stamp
+        self._x = self._random.random() + (self._x if step else 0)
+        odometry.pose.pose.position.x = self._x
+        odometry.pose.pose.orientation.w = 1.0
+        self.publish('odom', odometry)
+        self.count += 1
+
+
+def test_a_robot_of_its_own_topics_gives_episodes_and_groups(start, robot, robot_file):
+    sampler = start('sampler_node', robot_file=robot_file)
+    start('selector_node', selection_period=0.0, min_episodes=3, num_features=4)
+    states = []
+    robot.node.create_subscription(JointState, 'state', states.append, 10)
+    robot.until(lambda: {'sampler: steps', 'selector: input'} <= robot.diagnostics.keys())
+    assert robot.diagnostics['sampler: steps'][0] == WARN
+    assert 'nobody publishes it' in robot.diagnostics['sampler: /odom'][1]
+    Drive(robot)  # Its publishers come after the sampler.
+    robot.until(lambda: robot.value('episodes') >= 5, 60)
+    assert list(states[-1].name) == CHANNELS
+    assert states[-1].position[4:6] == pytest.approx([states[-1].position[3], 8])
+    assert states[-1].position[1:3] == pytest.approx([0, 1])
+    refusal = robot.set_parameter('num_features', 5)
+    assert 'expected at most 4, the number of sensors' in refusal.reason
+    reply = json.loads(robot.call(robot.select_client, seconds=120).message)
+    assert set(reply['ranking']) == {'x', 'yaw', 'scan', 'radio'}
+    robot.until(lambda: robot.diagnostics['sampler: /scan'][0] == OK)
+    values = robot.diagnostics['sampler: /scan'][2]
+    assert float(values['rate in Hz']) > 5
+    assert (values['wrong'], float(values['age in s']) < 5) == ('0', True)
+    code, seconds = sampler.end(signal.SIGTERM)
+    assert (code, seconds < 2) == (0, True)
+    assert 'Traceback' not in sampler.output
+
+
+def test_it_says_which_channel_breaks_episodes_and_goes_on(start, robot, robot_file):
+    sampler = start('sampler_node', robot_file=robot_file)
+    drive = Drive(robot)
+    rewards = []
+    robot.node.create_subscription(JointState, 'reward', rewards.append, 10)
+    robot.until(lambda: len(rewards) > 20, 60)
+    drive.silent = {'scan'}
+    robot.until(lambda: 'lack: scan' in robot.diagnostics['sampler: steps'][1])
+    robot.until(lambda: robot.diagnostics['sampler: /scan'][0] == STALE)
+    assert 'missing: scan' in robot.diagnostics['sampler: steps'][2]
+    drive.silent = set()
+    drive.publish('scan', LaserScan(ranges=[1.0]))  # Too short, and without a stamp.
+    robot.until(lambda: int(robot.diagnostics['sampler: /scan'][2]['wrong']) == 1)
+    before = len(rewards)
+    robot.until(lambda: len(rewards) > before + 20)
+    assert sampler.process.poll() is None
+
+
+def test_messages_of_another_type_than_the_file_means_do_not_end_it(start, robot, tmp_path):
+    path = tmp_path / 'robot.yaml'
+    path.write_text(
+        'step: {topic: /text}\nchannels: {a: /text.data}\nreward: "1 / a"\nepisode: {action: /go}\n'
+    )
+    sampler = start('sampler_node', robot_file=path)
+    text = robot.node.create_publisher(String, '/text', 10)
+    status = robot.node.create_publisher(Float32, '/go/_action/status', 10)
+    robot.until(lambda: text.get_subscription_count() and status.get_subscription_count())
+    text.publish(String(data='hello'))
+    status.publish(Float32())
+    robot.until(
+        lambda: all(
+            robot.diagnostics.get(f'sampler: {topic}', ('', '', {}))[2].get('wrong') == '1'
+            for topic in ('/text', '/go/_action/status')
+        )
+    )
+    assert "could not convert string to float: 'hello'" in robot.diagnostics['sampler: /text'][1]
+    assert sampler.process.poll() is None
+
+
+def test_a_file_with_mistakes_ends_it_with_all_of_them(start, tmp_path):
+    path = tmp_path / 'robot.yaml'
+    path.write_text(FILE.replace('as: yaw', 'as: jaw').replace('+ 10', '+ scan * 10'))
+    sampler = start('sampler_node', robot_file=path)
+    assert sampler.process.wait(20) == 2
+    assert "line 5: yaw.as is 'jaw'; expected yaw" in sampler.output
+    assert 'line 8: reward uses scan' in sampler.output
+    assert 'Traceback' not in sampler.output
+
+
+def test_stamps_of_steps_are_those_of_the_clock_topic(start, robot, robot_file):
+    start('sampler_node', robot_file=robot_file)
+    stamps = []
+    robot.node.create_subscription(
+        JointState,
+        'state',
+        lambda m: stamps.append(conversions.stamp_to_nanoseconds(m.header.stamp)),
+        10,
+    )
+    begin = time.time_ns()
+    Drive(robot)
+    robot.until(lambda: len(stamps) > 10, 60)
+    assert begin <= stamps[0] <= stamps[-1] <= time.time_ns()
+    assert stamps == sorted(set(stamps))
