@@ -8,7 +8,8 @@ import math
 import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import groupby
 from pathlib import Path
 
 from .bag import messages_of, open_bag
@@ -65,8 +66,8 @@ def robot_file_of_bag(path: str | Path) -> str:
             age = _max_age(seconds, info.msgcount)
             definitions = reader.typestore.fielddefs
             fields = [
-                field
-                for field in _numbers(definitions, info.msgtype, first[1], topic, (), age)
+                replace(field, options=field.options + age)
+                for field in _numbers(definitions, info.msgtype, first[1], topic)
                 if _is_path(field.path)
             ]
             found += fields
@@ -92,7 +93,7 @@ def _is_path(text: str) -> bool:
 
 
 def _numbers(
-    definitions: dict, kind: str, message, topic: str, above: tuple[str, ...], age: str
+    definitions: dict, kind: str, message, topic: str, above: tuple[str, ...] = ()
 ) -> Iterator[_Field]:
     """Yield the numeric fields of a type; a message says how long its arrays are."""
     if len(above) >= MAX_PARTS:
@@ -105,17 +106,17 @@ def _numbers(
             continue
         if node_name == 'NAME':
             if what == _QUATERNION:
-                yield _Field(topic, fields, '', f', as: yaw{age}')
+                yield _Field(topic, fields, '', ', as: yaw')
             elif what not in _TIMES:
-                yield from _numbers(definitions, what, value, topic, fields, age)
+                yield from _numbers(definitions, what, value, topic, fields)
         elif node_name == 'BASE':
             if what[0] not in _NO_NUMBERS:
-                yield _Field(topic, fields, '', age)
+                yield _Field(topic, fields)
         elif what[0][0].name == 'BASE' and what[0][1][0] not in (*_NO_NUMBERS, *_BYTES):
             end = _end(name, value, list(getattr(message, 'name', ())))
             inf = ', inf: range_max' if name == 'ranges' and hasattr(message, 'range_max') else ''
             if end:
-                yield _Field(topic, fields, end, inf + age)
+                yield _Field(topic, fields, end, inf)
 
 
 def _end(name: str, values: Sequence, names: list[str]) -> str:
@@ -123,9 +124,9 @@ def _end(name: str, values: Sequence, names: list[str]) -> str:
     length = len(values)
     if length == 0:
         return ''
-    if len(names) == length and len(set(names)) == length:
-        if all(isinstance(n, str) and _IN_BRACES.fullmatch(n) for n in names):
-            return f'{{{",".join(names)}}}'
+    is_named = len(names) == length == len(set(names))
+    if is_named and all(isinstance(n, str) and _IN_BRACES.fullmatch(n) for n in names):
+        return f'{{{",".join(names)}}}'
     if 'covariance' in name and math.isqrt(length) ** 2 == length and length > 1:
         return f'[0:{length}:{math.isqrt(length) + 1}]'
     stride = -(-length // MAX_SLICE)
@@ -134,7 +135,10 @@ def _end(name: str, values: Sequence, names: list[str]) -> str:
 
 def _names(found: list[_Field]) -> list[str]:
     """Return a name for each: its last parts, as many as tell it from the others."""
-    parts = [(*f.topic.strip('/').split('/'), *f.fields) for f in found]
+    parts = [
+        [part for part, _ in groupby((*f.topic.strip('/').split('/'), *f.fields))]  # not pose_pose
+        for f in found
+    ]
     longest = max(map(len, parts), default=0)
     counts = [Counter('_'.join(p[-k:]) for p in parts) for k in range(1, longest + 1)]
     names: list[str] = []
