@@ -32,7 +32,7 @@ _COMPARE = {
     ast.Eq: operator.eq,
     ast.NotEq: operator.ne,
 }
-_FUNCTIONS = {
+FUNCTIONS = {
     'abs': (abs, 1),
     'sqrt': (math.sqrt, 1),
     'exp': (math.exp, 1),
@@ -110,7 +110,7 @@ def _check(node: ast.expr, names: set[str]) -> None:  # noqa: PLR0912
         case ast.Call(func=ast.Name(id='before'), args=[ast.Name(id=name)], keywords=[]):
             names.add(name)
         case ast.Call(func=ast.Name(id=name), args=arguments, keywords=[]) if (
-            name in _FUNCTIONS and len(arguments) == _FUNCTIONS[name][1]
+            name in FUNCTIONS and len(arguments) == FUNCTIONS[name][1]
         ):
             for argument in arguments:
                 _check(argument, names)
@@ -118,7 +118,7 @@ def _check(node: ast.expr, names: set[str]) -> None:  # noqa: PLR0912
             raise ValueError(
                 f'{ast.unparse(node)[:60]!r} is not understood in an expression; expected '
                 f'numbers, names, + - * / **, comparisons, and, or, not, before(name), '
-                f'{", ".join(_FUNCTIONS)}'
+                f'{", ".join(FUNCTIONS)}'
             )
 
 
@@ -158,4 +158,4 @@ def _value(node: ast.expr, values: Mapping, before: Mapping):  # noqa: PLR0911
             return before[node.args[0].id]
         case ast.Call():
             arguments = [_value(argument, values, before) for argument in node.args]
-            return _FUNCTIONS[node.func.id][0](*arguments)
+            return FUNCTIONS[node.func.id][0](*arguments)

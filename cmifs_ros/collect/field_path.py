@@ -8,10 +8,12 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
-from .transitions import MAX_CHANNELS, MAX_NAME_LENGTH
+from .state_reader import MAX_CHANNELS, MAX_NAME_LENGTH
 
 MAX_PARTS = 16
 _MAX_INDEX = 10**7
+#: A longer topic is refused by the middleware.
+_MAX_TOPIC = 200
 
 _TOPIC = re.compile(r'/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*')
 _FIELD = re.compile(r'\.([A-Za-z][A-Za-z0-9_]*)')
@@ -102,6 +104,8 @@ def parse_field_path(text: str) -> FieldPath:
     topic = _TOPIC.match(text)
     if topic is None:
         raise ValueError(f'{shown} is no path; expected e.g. /odom.pose.pose.position.x')
+    if topic.end() > _MAX_TOPIC:
+        raise ValueError(f'{shown} has a topic of {topic.end()} characters; at most {_MAX_TOPIC}')
     position, fields = topic.end(), []
     while (field := _FIELD.match(text, position)) is not None:
         fields.append(field[1])

@@ -6,19 +6,24 @@ It is data. Every mistake is reported at once, with its line, what was found and
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
 import yaml
 
-from .expression import Expression
+from .expression import FUNCTIONS, Expression
 from .field_path import FieldPath, parse_field_path
-from .transitions import problem_of_names
+from .sensor_groups import groups_by_name
+from .state_reader import problem_of_names
 
 MAX_SIZE = 10**6
 #: Values that the sampler itself gives to expressions.
 OWN_VALUES = frozenset({'step', 'succeeded', 'aborted', 'canceled'})
+#: Names that mean something else in an expression.
+_TAKEN = OWN_VALUES | set(FUNCTIONS) | {'before'}
 STATUS = '/_action/status'
+_TYPE = re.compile(r'[a-z][a-z0-9_]*/msg/[A-Za-z][A-Za-z0-9]*')
 
 
 class RobotFileError(ValueError):
@@ -97,8 +102,8 @@ class RobotFile:
 
     @property
     def groups(self) -> dict[str, tuple[str, ...]]:
-        """Sensors of several channels, as the selector's groups."""
-        return {s.name: s.names for s in self.sources if s.is_channel and len(s.names) > 1}
+        """Sensors of several channels, by the rule by which the live selector finds them."""
+        return groups_by_name(self.channel_names)
 
     @property
     def topics(self) -> tuple[str, ...]:
@@ -196,6 +201,12 @@ class _Reader:
             self._note(node, f'{what}: {error}')
             return None
 
+    def _type(self, node, what: str, topic: str) -> None:
+        if isinstance(node, yaml.ScalarNode) and _TYPE.fullmatch(node.value):
+            self._types[topic] = node.value
+        else:
+            self._note(node, f'{what} is {_shown(node)}; expected e.g. nav_msgs/msg/Odometry')
+
     def _rule(self, node, what: str, known: set[str]) -> Expression | FieldPath | None:
         if node is None:
             return None
@@ -213,7 +224,8 @@ class _Reader:
             self._note(
                 node,
                 f'{what} uses {", ".join(sorted(rule.names - known))[:60]}; expected names of '
-                f'channels or values: {", ".join(sorted(known))[:300]}',
+                'channels or values that are single numbers (of an array, name the entry '
+                f'you mean as a value): {", ".join(sorted(known))[:300]}',
             )
         return rule
 
@@ -237,7 +249,10 @@ class _Reader:
         if path is None:
             return None
         if 'type' in parts:
-            self._types[path.topic] = str(parts['type'].value)
+            self._type(parts['type'], f'{name}.type', path.topic)
+        if kind is not None and (path.is_list or path.names):
+            self._note(node, f'{name} is a yaw of several values; expected one quaternion')
+            return None
         source = Source(name, path, kind is not None, max_age, inf and inf.value, is_channel)
         return self._checked(source, node)
 
@@ -247,26 +262,46 @@ class _Reader:
             return None
         return source
 
+    def _clock(self, node) -> tuple[str | None, float | None]:
+        """Return the step's topic and rate, of which one is None."""
+        step = self._mapping(node, 'step', ('topic', 'rate', 'type'))
+        if ('topic' in step) == ('rate' in step):
+            self._note(node, 'step has neither or both of topic and rate; expected one')
+        rate = self._number(step.get('rate'), 'step.rate', 0.001, 10_000)
+        clock = self._path(step['topic'], 'step.topic') if 'topic' in step else None
+        if clock is not None and clock.fields:
+            self._note(step['topic'], 'step.topic names a field; expected a topic such as /odom')
+        if 'type' in step and clock is not None:
+            self._type(step['type'], 'step.type', clock.topic)
+        elif 'type' in step:
+            self._note(step['type'], 'step.type stands without step.topic')
+        return clock and clock.topic, rate
+
+    def _sources(self, top: dict) -> tuple[list[Source | None], set[str]]:
+        """Return channels and values, None where one has a mistake, and the names of all."""
+        sources, keys = [], set()
+        for section, is_channel in (('channels', True), ('values', False)):
+            if section in top:
+                for name, node in self._mapping(top[section], section, None).items():
+                    if name in _TAKEN:
+                        self._note(
+                            node, f'{section} has {name!r}, which has a meaning of its own in '
+                            'expressions; expected another name',
+                        )  # fmt: skip
+                    elif name in keys:
+                        self._note(node, f'values has {name[:60]!r}, which is a channel already')
+                    keys.add(name)
+                    sources.append(self._source(name, node, is_channel))
+        return sources, keys
+
     def robot(self, root) -> RobotFile | None:
         """Read everything; None if a mistake leaves no robot."""
         top = self._mapping(root, 'the file', ('step', 'channels', 'values', 'reward', 'episode'))
         for key in ('step', 'channels', 'reward'):
             if key not in top and root is not None:
                 self._note(root, f'the file has no {key!r}')
-        step = (
-            self._mapping(top['step'], 'step', ('topic', 'rate', 'type')) if 'step' in top else {}
-        )
-        if 'step' in top and ('topic' in step) == ('rate' in step):
-            self._note(top['step'], 'step has neither or both of topic and rate; expected one')
-        rate = self._number(step.get('rate'), 'step.rate', 0.001, 10_000)
-        clock = self._path(step['topic'], 'step.topic') if 'topic' in step else None
-        if clock is not None and clock.fields:
-            self._note(step['topic'], 'step.topic names a field; expected a topic such as /odom')
-        sources = []
-        for section, is_channel in (('channels', True), ('values', False)):
-            if section in top:
-                for name, node in self._mapping(top[section], section, None).items():
-                    sources.append(self._source(name, node, is_channel))
+        clock, rate = self._clock(top['step']) if 'step' in top else (None, None)
+        sources, keys = self._sources(top)
         found = tuple(source for source in sources if source is not None)
         names = [name for source in found for name in source.names]
         if 'channels' in top and not sources:
@@ -274,10 +309,9 @@ class _Reader:
         problem = problem_of_names(names)
         if problem:
             self._note(top.get('channels'), f'the channels have {problem}')
-        known = {source.name for source in sources if source} | set(names) | OWN_VALUES
-        known |= {name for key in ('channels', 'values')
-                  if isinstance(top.get(key), yaml.MappingNode)
-                  for name in (str(k.value) for k, _ in top[key].value)}  # fmt: skip
+        # What could not be read counts as known, so that one mistake is told once.
+        known = OWN_VALUES | {s.name for s in found if s.names == (s.name,)}
+        known |= keys - {source.name for source in found}
         reward = self._rule(top.get('reward'), 'reward', known)
         if isinstance(reward, FieldPath) and not reward.fields:
             self._note(top['reward'], 'reward is a topic without a field')
@@ -293,7 +327,7 @@ class _Reader:
         if self.mistakes:
             return None
         return RobotFile(
-            clock and clock.topic, rate, found, reward, terminated, truncated,
+            clock, rate, found, reward, terminated, truncated,
             action and action.topic, steps and int(steps), self._types,
         )  # fmt: skip
 

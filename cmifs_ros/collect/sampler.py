@@ -14,13 +14,16 @@ from typing import NamedTuple
 
 from .expression import Expression
 from .field_path import FieldPath, MissingFieldError
-from .robot_file import STATUS, RobotFile, Source
+from .robot_file import OWN_VALUES, STATUS, RobotFile, Source
 from .transitions import RewardSample
 
 SECOND = 1_000_000_000
 #: A single message this far from the others is wrong; two in a row mean that the clock was set.
 JUMP = 60 * SECOND
 MAX_WAITING = 100_000
+_UNREADABLE = (
+    MissingFieldError, TypeError, ValueError, AttributeError, LookupError, ArithmeticError,
+)  # fmt: skip
 _EXECUTING = (1, 2, 3)
 _ENDED = {4: 'succeeded', 5: 'canceled', 6: 'aborted'}
 
@@ -56,8 +59,12 @@ class Sampler:
         Messages by topic: taken, too late to be used, without the field or with a far stamp.
     missing : collections.Counter
         Steps that lack a channel or value, by its name.
+    num_moments : int
+        Moments at which the file wants a step, whether or not all was there.
     num_steps : int
         Steps made.
+    last_wrong : dict of str to str
+        By topic, what was wrong with the newest such message.
 
     """
 
@@ -72,7 +79,8 @@ class Sampler:
         self.late: Counter[str] = Counter()
         self.wrong: Counter[str] = Counter()
         self.missing: Counter[str] = Counter()
-        self.last_wrong = ''
+        self.last_wrong: dict[str, str] = {}
+        self.num_moments = 0
         self.num_steps = 0
         self._sequence = 0
         self._episode = 0
@@ -116,7 +124,7 @@ class Sampler:
         if newest is not None and abs(stamp - newest) > JUMP:
             if self._suspect is None or abs(stamp - self._suspect) > JUMP:
                 self._suspect = stamp
-                self._note_wrong(topic, f'stamp {stamp} ns is far from {newest} ns')
+                self.note_wrong(topic, f'stamp {stamp} ns is far from {newest} ns')
                 return []
             steps = self.flush()
             self._episode += 1
@@ -140,9 +148,10 @@ class Sampler:
         """Work through all that waits, at the end of a bag; the open episode stays open."""
         return self._work(max(self._newest.values()) + 1) if self._newest else []
 
-    def _note_wrong(self, topic: str, what: str) -> None:
+    def note_wrong(self, topic: str, what: str) -> None:
+        """Count a message that cannot be used."""
         self.wrong[topic] += 1
-        self.last_wrong = f'{topic}: {what}'
+        self.last_wrong[topic] = what[:300]
 
     def _read(self, topic: str, message) -> dict:
         """Return what the message says, so that itself need not be kept."""
@@ -150,8 +159,8 @@ class Sampler:
         for source in self._by_topic[topic]:
             try:
                 content[source.name] = _values(source, message)
-            except (MissingFieldError, TypeError, ValueError, AttributeError) as error:
-                self._note_wrong(topic, str(error))
+            except _UNREADABLE as error:
+                self.note_wrong(topic, str(error))
         for key in ('reward', 'terminated', 'truncated'):
             rule = getattr(self._robot, key)
             if isinstance(rule, FieldPath) and rule.topic == topic:
@@ -159,13 +168,16 @@ class Sampler:
                     content[key, 'rule'] = (
                         sum(map(_number, rule.read(message))) if rule.fields else 1.0
                     )
-                except (MissingFieldError, TypeError, ValueError) as error:
-                    self._note_wrong(topic, str(error))
+                except _UNREADABLE as error:
+                    self.note_wrong(topic, str(error))
         if self._robot.action and topic == self._robot.action + STATUS:
-            content['goals',] = [
-                (bytes(map(int, entry.goal_info.goal_id.uuid)), int(_number(entry.status)))
-                for entry in message.status_list
-            ]
+            try:
+                content['goals',] = [
+                    (bytes(map(int, entry.goal_info.goal_id.uuid)), int(_number(entry.status)))
+                    for entry in message.status_list
+                ]
+            except _UNREADABLE as error:
+                self.note_wrong(topic, str(error))
         return content
 
     def _work(self, limit: int) -> list[Step]:
@@ -229,7 +241,8 @@ class Sampler:
             may_begin = self._robot.action is None or self._goal is not None
             if may_begin and (state is not None or self.num_steps):
                 self._begin_episode()
-                self._left = (time, state, values)
+                own = dict.fromkeys(OWN_VALUES, 0.0)
+                self._left = (time, state, values | own)
             return []
         self._step += 1
         values |= {'step': float(self._step)}
@@ -256,6 +269,7 @@ class Sampler:
 
     def _state(self, time: int) -> tuple[array | None, dict[str, float]]:
         """Return the state at a time, None if it lacks a channel, and all values by name."""
+        self.num_moments += 1
         state, values, is_whole = array('d'), {}, True
         for source in self._robot.sources:
             since, held = self._held.get(source.name, (None, []))

@@ -65,12 +65,18 @@ class ConditionalTest:
         self._samples = samples
         self._make_criterion = make_criterion
         self._random_state = random_state
+        self._known: dict[tuple, Evidence] = {}
 
     def __call__(
         self, channels: Sequence[int], given: Sequence[int], *, in_full: bool = False
     ) -> Evidence:
         """Test channels given others; unless in full, a hopeless test ends early."""
-        channels, given = list(channels), list(given)
+        key = tuple(channels), frozenset(given), in_full
+        if key not in self._known:
+            self._known[key] = self._test(list(channels), list(given), in_full)
+        return self._known[key]
+
+    def _test(self, channels: list[int], given: list[int], in_full: bool) -> Evidence:
         rng = np.random.default_rng([self._random_state, 1, len(given)])
         local = local_shadows(self._samples, channels, given, _NUM_SHADOWS, rng)
         first = self._scores(channels, given, local[:_NUM_FIRST])

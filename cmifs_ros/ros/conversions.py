@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 from array import array
 from collections.abc import Iterable, Sequence
 
@@ -16,6 +17,21 @@ from cmifs_ros.collect.state_reader import MAX_CHANNELS
 from cmifs_ros.collect.transitions import RewardSample
 
 NANOSECONDS = 1_000_000_000
+
+
+def message_type(name: str) -> type:
+    """Return the class of a type such as std_msgs/msg/Float32.
+
+    Raises
+    ------
+    ValueError, ImportError, AttributeError
+        If it is no such name or not installed.
+
+    """
+    package, kind, cls = name.split('/')
+    if kind != 'msg':
+        raise ValueError(f'{name!r} is no message type; expected e.g. std_msgs/msg/Float32')
+    return getattr(importlib.import_module(f'{package}.msg'), cls)
 
 
 def stamp_to_nanoseconds(stamp: Time) -> int:

@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
-import importlib
+import math
+from functools import partial
 
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 
-from cmifs_ros.collect.robot_file import load_robot_file
+from cmifs_ros.collect.robot_file import STATUS, load_robot_file
 from cmifs_ros.collect.sampler import Sampler, event_time
+from cmifs_ros.collect.state_reader import listed
 
-from . import conversions
+from . import conversions, diagnostics
 from .following_subscription import FollowingSubscription
+from .sampler_status import SamplerStatus
 
 
 class SamplerNode(Node):
@@ -33,48 +39,75 @@ class SamplerNode(Node):
         stream = QoSProfile(depth=1000)
         self._state_publisher = self.create_publisher(JointState, 'state', stream)
         self._reward_publisher = self.create_publisher(JointState, 'reward', stream)
+        self._diagnostics_publisher = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        max_ages = dict.fromkeys(self._robot.topics, 0.0)
+        for source in self._robot.sources:
+            max_ages[source.path.topic] = max(max_ages[source.path.topic], source.max_age)
+        if self._robot.action:
+            max_ages[self._robot.action + STATUS] = math.inf  # It speaks when a goal changes.
+        name = self.get_fully_qualified_name().lstrip('/')
+        self._status = SamplerStatus(name, self._sampler, max_ages)
         self._subscriptions_by_topic: dict[str, FollowingSubscription] = {}
+        self._problems = dict.fromkeys(self._robot.topics, 'nobody publishes it')
         self._refused: set[str] = set()
-        self._timer = self.create_timer(0.2, self._discover)
+        # Steady time: a simulated clock that stands still must not stop them.
+        clock = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(0.2, self._discover, clock=clock)
+        self.create_timer(1.0, self._report, clock=clock)
         self._discover()
 
     def _discover(self) -> None:
         """Subscribe to the topics whose type is known by now."""
+        waiting = [t for t in self._robot.topics if t not in self._subscriptions_by_topic]
+        if not waiting:
+            return
         found = dict(self.get_topic_names_and_types())
-        for topic in self._robot.topics:
-            if topic in self._subscriptions_by_topic or topic in self._refused:
-                continue
+        for topic in waiting:
             name = (self._robot.types or {}).get(topic) or next(
                 iter(found.get(self.resolve_topic_name(topic), ())), None
             )
             if name is None:
                 continue
             try:
-                package, kind, cls = name.split('/')
-                message_type = getattr(importlib.import_module(f'{package}.{kind}'), cls)
+                message_type = conversions.message_type(name)
             except (ValueError, ImportError, AttributeError) as error:
-                self._refused.add(topic)
-                self.get_logger().error(
-                    f'{topic} has the type {name}, which is not installed here: {error}'
-                )
+                self._problems[topic] = f'its type {name} is not installed here: {error}'
+                if topic not in self._refused:
+                    self._refused.add(topic)
+                    self.get_logger().error(f'{topic}: {self._problems[topic]}')
                 continue
             self._subscriptions_by_topic[topic] = FollowingSubscription(
-                self, message_type, topic, self._callback(topic)
+                self, message_type, topic, partial(self._take, topic)
             )
+            del self._problems[topic]
 
-    def _callback(self, topic: str):
-        def take(message) -> None:
+    def _take(self, topic: str, message) -> None:
+        self._status.heard(topic)
+        try:
             # The EventsExecutor of rclpy 7.1.6 fails on callbacks that ask for the message's info,
             # so that without a stamp it is the time of receipt.
             stamp = event_time(message, self.get_clock().now().nanoseconds)
-            for step in self._sampler.add(topic, message, stamp):
-                header = Header(stamp=conversions.stamp_from_nanoseconds(step.stamp))
-                self._state_publisher.publish(
-                    conversions.named_values_to_msg(header, self._names, step.state)
-                )
-                fields = step.sample._asdict()
-                self._reward_publisher.publish(
-                    conversions.named_values_to_msg(header, fields, fields.values())
-                )
+            steps = self._sampler.add(topic, message, stamp)
+        except Exception as error:  # A message of whatever type must not end the node.
+            self._sampler.note_wrong(topic, f'{type(error).__name__}: {error}')
+            return
+        for step in steps:
+            header = Header(stamp=conversions.stamp_from_nanoseconds(step.stamp))
+            self._state_publisher.publish(
+                conversions.named_values_to_msg(header, self._names, step.state)
+            )
+            fields = step.sample._asdict()
+            self._reward_publisher.publish(
+                conversions.named_values_to_msg(header, fields, fields.values())
+            )
 
-        return take
+    def _report(self) -> None:
+        problems = dict(self._problems)
+        for topic, subscription in self._subscriptions_by_topic.items():
+            if subscription.clashes and not subscription.publishers:
+                problems[topic] = f'it is published as {listed(sorted(subscription.clashes))} now'
+        self._diagnostics_publisher.publish(
+            diagnostics.diagnostic_array(
+                self.get_clock().now().to_msg(), *self._status.statuses(problems)
+            )
+        )

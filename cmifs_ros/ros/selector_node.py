@@ -241,7 +241,7 @@ class SelectorNode(Node):
             check_parameters(values, names)
         except ValueError as error:
             raise RefusedError(str(error)) from None
-        settings = selector_settings(values)
+        settings = selector_settings(values, names)
         episodes = self._buffer.snapshot()
         arguments = (episodes, names, values['method'], settings)
         return Job(self._revision, self._generation, arguments)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from math import inf, isnan
 
+from cmifs_ros.collect.sensor_groups import groups_by_name
 from cmifs_ros.collect.state_reader import listed
 from cmifs_ros.core import CRITERIA, DIRECTIONS
 from cmifs_ros.core.selection import METHODS
@@ -28,8 +29,9 @@ PARAMETERS = (
     Spec('standardize', True, 'Scale channels and returns to mean 0 and spread 1.'),
     Spec('direction', 'forward', 'Search: forward selection or backward elimination.',
          choices=DIRECTIONS),
-    Spec('sensor_groups', '',
-         'Sensors of several channels, selected as a whole: "pose=x,y; lidar=l0,l1,l2".'),
+    Spec('sensor_groups', 'auto',
+         'Sensors of several channels: "pose=x,y; lidar=l0,l1,l2"; auto: those whose names share '
+         'what stands before an index or a last part, as scan[0], scan[1] or yaw.sin, yaw.cos.'),
     Spec('min_episodes', 20, 'Episodes needed for a selection.', (2, 100_000)),
     Spec('max_episodes', 100,
          'Episodes kept, at least min_episodes of them; the oldest leave first.', (2, 100_000)),
@@ -92,7 +94,7 @@ def check_parameters(values: dict, channel_names: Sequence[str] | None = None) -
     if isnan(values['inf_value']):
         raise ValueError('inf_value is nan; expected a number or inf')
     parse_fields(values['fields'])
-    groups = parse_sensor_groups(values['sensor_groups'])
+    groups = sensor_groups(values['sensor_groups'], channel_names or ())
     target = []
     if values['kdr_target'] or values['method'] == 'kdr':
         target = parse_kdr_target(values['kdr_target'])
@@ -129,8 +131,10 @@ def parse_fields(text: str) -> list[str]:
     return fields
 
 
-def parse_sensor_groups(text: str) -> dict[str, list[str]]:
+def sensor_groups(text: str, channel_names: Sequence[str]) -> dict[str, Sequence[str]]:
     """Return the groups of "pose=x,y; lidar=l0,l1" as {'pose': ['x', 'y'], ...}.
+
+    Of "auto" they are those that the names of the channels tell.
 
     Raises
     ------
@@ -138,13 +142,16 @@ def parse_sensor_groups(text: str) -> dict[str, list[str]]:
         If a part is not of the form name=channel,channel or a name comes twice.
 
     """
+    if text.strip() == 'auto':
+        return groups_by_name(channel_names)
     groups: dict[str, list[str]] = {}
     for part in filter(None, map(str.strip, text.split(';'))):
         name, _, members = (piece.strip() for piece in part.partition('='))
         channels = [channel.strip() for channel in members.split(',')]
         if not name or not all(channels) or name in groups:
             raise ValueError(
-                f'sensor_groups has {part!r}; expected distinct names as in "pose=x,y; arm=a,b"'
+                f'sensor_groups has {part!r}; expected auto, or distinct names as in '
+                '"pose=x,y; arm=a,b"'
             )
         groups[name] = channels
     return groups
@@ -168,12 +175,12 @@ def parse_kdr_target(text: str) -> list[str]:
     return channels
 
 
-def selector_settings(values: dict) -> dict:
-    """Return the settings of the selector of `values['method']`."""
+def selector_settings(values: dict, channel_names: Sequence[str]) -> dict:
+    """Return the settings of the selector of `values['method']` for these channels."""
     settings = {
         'num_features': values['num_features'] or None,
         'direction': values['direction'],
-        'groups': parse_sensor_groups(values['sensor_groups']),
+        'groups': sensor_groups(values['sensor_groups'], channel_names),
         'random_state': values['random_state'],
     }
     if values['method'] == 'kdr':

@@ -49,3 +49,54 @@ def test_all_mistakes_are_told_with_their_lines():
 def test_what_is_no_robot_file_is_refused_in_words(text):
     with pytest.raises(RobotFileError, match=r'line|no YAML'):
         parse_robot_file(text)
+
+
+@pytest.mark.parametrize('rule', ['scan', 'yaw', 'before(scan)', 'sqrt(arm)'])
+@pytest.mark.parametrize('place', ['reward: ', 'truncated: '])
+def test_an_expression_that_names_an_array_is_refused_when_it_is_read(rule, place):
+    text = WHOLE.replace('"before(distance) - distance + 10 * succeeded - 10 * aborted"', '"1"')
+    text = text.replace('reward: "1"', f'reward: "{rule}"') if place == 'reward: ' else (
+        text.replace('"step >= 300"', f'"{rule}"'))  # fmt: skip
+    with pytest.raises(RobotFileError) as error:
+        parse_robot_file(text)
+    assert 'single numbers' in str(error.value)
+    shown = str(error.value).rsplit(': ', 1)[1].split(', ')
+    assert shown == ['aborted', 'battery', 'canceled', 'distance', 'step', 'succeeded', 'x']
+
+
+@pytest.mark.parametrize('name', ['step', 'succeeded', 'aborted', 'canceled', 'before', 'min'])
+@pytest.mark.parametrize('section', ['channels', 'values'])
+def test_our_own_words_are_no_names(name, section):
+    text = WHOLE.replace(f'{section}:\n', f'{section}:\n  {name}: /a.data\n')
+    with pytest.raises(RobotFileError, match=f"{section} has '{name}', which has a meaning"):
+        parse_robot_file(text)
+
+
+def test_a_value_cannot_have_the_name_of_a_channel_that_is_an_array():
+    with pytest.raises(RobotFileError, match="line 10: values has 'scan'"):
+        parse_robot_file(WHOLE.replace('values:\n', 'values:\n  scan: /a.data\n'))
+
+
+def test_types_are_taken_from_wherever_they_are_named():
+    text = WHOLE.replace('{topic: /odom}', '{topic: /odom, type: nav_msgs/msg/Odometry}').replace(
+        'as: yaw}', 'as: yaw, type: nav_msgs/msg/Odometry}'
+    )
+    assert parse_robot_file(text).types == {'/odom': 'nav_msgs/msg/Odometry'}
+
+
+@pytest.mark.parametrize('kind', ['Odometry', '[a]', 'os/path/join', '{}', 'a/srv/B', '../msg/B'])
+@pytest.mark.parametrize('where', ['{topic: /odom', '{path: /odom.q'])
+def test_what_is_no_type_is_refused(kind, where):
+    text = WHOLE.replace('  x: /odom.pose.pose.position.x', '  x: {path: /odom.q}')
+    text = text.replace(where, f'{where}, type: {kind}')
+    with pytest.raises(RobotFileError, match=r'expected e\.g\. nav_msgs/msg/Odometry'):
+        parse_robot_file(text)
+
+
+def test_a_type_of_no_topic_and_a_yaw_of_an_array_are_refused():
+    text = WHOLE.replace('{topic: /odom}', '{rate: 5, type: a_msgs/msg/B}')
+    text = text.replace('inf: range_max', 'as: yaw')
+    with pytest.raises(RobotFileError) as error:
+        parse_robot_file(text)
+    assert 'line 2: step.type stands without step.topic' in str(error.value)
+    assert 'line 7: scan is a yaw of several values' in str(error.value)

@@ -131,3 +131,52 @@ def test_the_order_of_arrival_does_not_matter_within_the_lateness(messages, dela
     for one, other in zip(episodes_of(bag), episodes_of(live), strict=True):
         assert one.states.tobytes() == other.states.tobytes()
         assert one.rewards.tobytes() == other.rewards.tobytes()
+
+
+def test_a_reward_without_a_value_is_a_gap_by_its_cause():
+    sampler, steps = Sampler(parse_robot_file(FILE.replace('a - before(a)', '1 / a') % '')), []
+    for t, value in enumerate([1, 2, 0, 4]):
+        for topic in ('/a', '/b'):
+            steps += sampler.add(topic, Message(data=value), t * 100 * MS)
+    steps += sampler.flush()
+    assert [s.sample.reward for s in steps] == [0.5, 0.25]
+    assert sampler.missing == {'reward': 1}
+
+
+def test_step_and_its_like_have_a_value_before_the_first_step():
+    sampler, steps = (
+        Sampler(parse_robot_file(FILE.replace('a - before(a)', 'before(step)') % '')),
+        [],
+    )
+    for t in range(4):
+        for topic in ('/a', '/b'):
+            steps += sampler.add(topic, Message(data=t), t * 100 * MS)
+    steps += sampler.flush()
+    assert [s.sample.reward for s in steps] == [0, 1, 2]
+
+
+junk = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text() | st.binary(),
+    lambda inner: (
+        st.lists(inner, max_size=3)
+        | st.dictionaries(
+            st.sampled_from(['data', 'q', 'w', 'x', 'y', 'z', 'r', 'm', 'name', 'status_list']),
+            inner,
+        ).map(lambda fields: Message(**fields))
+    ),
+    max_leaves=12,
+)
+
+
+@given(st.lists(st.tuples(st.sampled_from(['/a', '/go/_action/status']), junk), max_size=20))
+def test_no_message_of_whatever_kind_ends_it(messages):
+    robot = parse_robot_file(
+        'step: {topic: /a}\nreward: /a.data\nepisode: {action: /go, terminated: /a.data}\n'
+        'channels:\n  a: /a.data\n  yaw: {path: /a.q, as: yaw}\n'
+        '  s: {path: "/a.r[0:2]", inf: m}\n  n: "/a.r{x,y}"\n'
+    )
+    sampler = Sampler(robot)
+    for time, (topic, message) in enumerate(messages):
+        for step in sampler.add(topic, message, time * MS):
+            assert all(map(np.isfinite, step.state))
+    sampler.flush()

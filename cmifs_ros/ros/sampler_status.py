@@ -1,0 +1,121 @@
+"""What the sampler says of each topic, and of what its steps lack, on /diagnostics."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter, deque
+from collections.abc import Mapping
+
+from diagnostic_msgs.msg import DiagnosticStatus
+
+from cmifs_ros.collect.sampler import Sampler
+from cmifs_ros.collect.state_reader import listed
+
+from . import diagnostics
+
+#: Seconds that rates and complaints look back over, at one report a second.
+_WINDOW = 10
+#: Seconds of silence after which a topic is called so, unless what it tells may be older.
+_SILENCE = 5.0
+
+
+class SamplerStatus:
+    """Compose the statuses of a sampler; to be asked once a second.
+
+    Parameters
+    ----------
+    name : str
+        The node's, before the colon of each status.
+    sampler : Sampler
+    max_ages : mapping of str to float
+        By topic, for how many seconds its newest message is used.
+
+    """
+
+    def __init__(self, name: str, sampler: Sampler, max_ages: Mapping[str, float]):
+        self._name, self._sampler, self._max_ages = name, sampler, max_ages
+        self._heard_at: dict[str, float] = {}
+        self._past: deque[dict] = deque(maxlen=_WINDOW)
+
+    def heard(self, topic: str) -> None:
+        """Note that a message of a topic has come."""
+        self._heard_at[topic] = time.monotonic()
+
+    def statuses(self, problems: Mapping[str, str]) -> list[DiagnosticStatus]:
+        """Return a status of the steps and one of each topic.
+
+        Parameters
+        ----------
+        problems : mapping of str to str
+            What the node knows to be wrong with a topic, such as that nobody publishes it.
+
+        """
+        sampler = self._sampler
+        now = {
+            'time': time.monotonic(),
+            'moments': sampler.num_moments,
+            'steps': sampler.num_steps,
+            **{
+                key: Counter(getattr(sampler, key))
+                for key in ('received', 'late', 'wrong', 'missing')
+            },
+        }
+        past = self._past[0] if self._past else now
+        self._past.append(now)
+        seconds = now['time'] - past['time']
+        topics = [
+            self._topic(topic, now, past, seconds, problems.get(topic, ''))
+            for topic in self._max_ages
+        ]
+        return [self._steps(now, past, seconds, problems), *topics]
+
+    def _steps(self, now: dict, past: dict, seconds: float, problems) -> DiagnosticStatus:
+        moments, lacking = now['moments'] - past['moments'], now['missing'] - past['missing']
+        level, message = diagnostics.OK, 'steps are made'
+        if lacking:
+            shown = [f'{name} {count}' for name, count in lacking.most_common()]
+            level = diagnostics.WARN
+            message = f'of the last {moments} steps lack: {listed(shown)}; they break episodes'
+        elif problems:
+            level, message = diagnostics.WARN, f'wanting: {listed(sorted(problems))}'
+        elif not moments:
+            level, message = diagnostics.STALE, 'no step is due'
+        values = {
+            'steps': now['steps'],
+            'moments': now['moments'],
+            'steps per s': _rate(now['steps'] - past['steps'], seconds),
+            **{
+                f'missing: {name}': f'{count} of {now["moments"]}'
+                for name, count in now['missing'].most_common(8)
+            },
+        }
+        return diagnostics.status(f'{self._name}: steps', level, message, values)
+
+    def _topic(self, topic: str, now: dict, past: dict, seconds: float, problem: str):
+        age = now['time'] - self._heard_at.get(topic, -float('inf'))
+        is_silent = age > max(_SILENCE, self._max_ages[topic])
+        fresh = {key: now[key][topic] - past[key][topic] for key in ('late', 'wrong')}
+        level, message = diagnostics.OK, 'received'
+        if problem:
+            level, message = diagnostics.STALE if is_silent else diagnostics.WARN, problem
+        elif is_silent:
+            level, message = (
+                diagnostics.STALE,
+                'no message came' if age == float('inf') else 'silent',
+            )
+        elif fresh['wrong']:
+            level, message = diagnostics.WARN, f'of no use: {self._sampler.last_wrong[topic]}'
+        elif fresh['late']:
+            level, message = diagnostics.WARN, 'comes later than steps can wait for'
+        values = {
+            'messages': now['received'][topic],
+            'rate in Hz': _rate(now['received'][topic] - past['received'][topic], seconds),
+            'age in s': f'{age:.1f}',
+            'late': now['late'][topic],
+            'wrong': now['wrong'][topic],
+        }
+        return diagnostics.status(f'{self._name}: {topic}', level, message, values)
+
+
+def _rate(count: int, seconds: float) -> str:
+    return f'{count / seconds:.1f}' if seconds else '0.0'
