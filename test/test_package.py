@@ -108,6 +108,7 @@ def test_installed_data_files_are_where_ros_looks_for_them():
         'share/cmifs_ros/launch/cmifs_ros.launch.xml',
         'lib/cmifs_ros/demo',
         'lib/cmifs_ros/downstream',
+        'lib/cmifs_ros/make_robot_file',
         'lib/cmifs_ros/sampler_node',
         'lib/cmifs_ros/select_from_bag',
         'lib/cmifs_ros/selector_node',
