@@ -20,8 +20,6 @@ from .shadows import local_shadows, whole_shadows
 #: Shadows of each kind, and local ones after which a hopeless test ends.
 _NUM_SHADOWS = 15
 _NUM_FIRST = 3
-#: Least spread: differences of a score that are no greater tell nothing worth a sensor.
-_LEAST_SPREAD = 2e-3
 
 
 class Evidence(NamedTuple):
@@ -81,11 +79,11 @@ class ConditionalTest:
         local = local_shadows(self._samples, channels, given, _NUM_SHADOWS, rng)
         first = self._scores(channels, given, local[:_NUM_FIRST])
         if not in_full and first[0] <= first[1:].max():
-            return _evidence(first[0], first[1:], np.std(first[1:]))
+            return self._evidence(first[0], first[1:], np.std(first[1:]))
         rest = self._scores(channels, given, local[_NUM_FIRST:])[1:]
         whole = whole_shadows(self._samples, channels, _NUM_SHADOWS, rng)
         spread = np.std(self._scores(channels, given, whole)[1:], ddof=1)
-        return _evidence(first[0], np.concatenate([first[1:], rest]), spread)
+        return self._evidence(first[0], np.concatenate([first[1:], rest]), spread)
 
     def _scores(self, channels, given, shadows) -> np.ndarray:
         """Return the score of the channels and of each shadow, with those given."""
@@ -105,12 +103,15 @@ class ConditionalTest:
         ]
         return self._make_criterion(extended)(subsets)
 
+    def _evidence(self, score: float, null: np.ndarray, spread: float) -> Evidence:
+        """Return the evidence by a Gumbel law: scores of what tells nothing lean to the right.
 
-def _evidence(score: float, null: np.ndarray, spread: float) -> Evidence:
-    """Return the evidence by a Gumbel law: the scores of what tells nothing lean to the right."""
-    mean = float(np.mean(null))
-    spread = float(max(spread, np.std(null), _LEAST_SPREAD)) * np.sqrt(1 + 1 / len(null))
-    scale = spread / stats.gumbel_r.std()
-    law = stats.gumbel_r(mean - stats.gumbel_r.mean() * scale, scale)
-    null_scores = tuple(float(law.ppf(q)) for q in (0.05, 0.5, 0.95))
-    return Evidence(float(score), null_scores, float(law.sf(score)))
+        Few shadows may all score 0 by chance. Twice the information in M independent episodes is
+        about chi-squared over M (Wilks), so that no spread below 1 / M is believed.
+        """
+        mean, least = float(np.mean(null)), 1 / (self._samples.owner[-1] + 1)
+        spread = float(max(spread, np.std(null), least)) * np.sqrt(1 + 1 / len(null))
+        scale = spread / stats.gumbel_r.std()
+        law = stats.gumbel_r(mean - stats.gumbel_r.mean() * scale, scale)
+        null_scores = tuple(float(law.ppf(q)) for q in (0.05, 0.5, 0.95))
+        return Evidence(float(score), null_scores, float(law.sf(score)))

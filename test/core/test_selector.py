@@ -105,15 +105,21 @@ def test_episodes_of_any_length_are_taken():
     assert selector.get_support(indices=True).tolist() == [1]
 
 
-@pytest.mark.parametrize('data', ['constant states', 'constant everything', 'huge values'])
-def test_degenerate_data_give_finite_scores(data):
+def test_huge_values_give_finite_scores():
     states, rewards = toy(12, 2)
-    if data == 'huge values':
-        states, rewards = states * 1e150, rewards * 1e150
-    else:
-        states = np.ones_like(states)
-        rewards = rewards if data == 'constant states' else np.ones_like(rewards)
-    assert np.isfinite(ConditionalMISelector(2).fit((states, rewards)).scores_).all()
+    selector = ConditionalMISelector(2).fit((states * 1e150, rewards * 1e150))
+    assert np.isfinite(selector.scores_).all()
+
+
+@pytest.mark.parametrize('rewards', [toy(12, 2)[1], np.ones((12, 2))])
+def test_what_never_changes_is_not_selected_whatever_number_is_asked(rewards):
+    states = np.ones((12, 2, 4)) + np.arange(12)[:, None, None] * [1, 0, 0, 0]
+    selector = ConditionalMISelector().fit((states, rewards))
+    assert selector.num_features_ == 0
+    assert np.isfinite(selector.scores_).all()
+    assert selector.statuses_[-3:] == ['rejected'] * 3
+    with pytest.raises(ValueError, match='num_features is 2, but only 1 sensors ever change'):
+        ConditionalMISelector(2).fit((states, rewards))
 
 
 def test_huge_units_do_not_change_the_selection_and_overflowing_returns_are_refused():
