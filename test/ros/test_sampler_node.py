@@ -4,6 +4,7 @@ import json
 import random
 import signal
 import time
+from math import cos, hypot, sin
 
 import pytest
 from action_msgs.msg import GoalStatus, GoalStatusArray
@@ -77,7 +78,8 @@ class Drive:
         odometry.header.stamp = stamp
         self._x = self._random.random() + (self._x if step else 0)
         odometry.pose.pose.position.x = self._x
-        odometry.pose.pose.orientation.w = 1.0
+        half = self._random.random()
+        odometry.pose.pose.orientation.z, odometry.pose.pose.orientation.w = sin(half), cos(half)
         self.publish('odom', odometry)
         self.count += 1
 
@@ -94,11 +96,11 @@ def test_a_robot_of_its_own_topics_gives_episodes_and_groups(start, robot, robot
     robot.until(lambda: robot.value('episodes') >= 5, 60)
     assert list(states[-1].name) == CHANNELS
     assert states[-1].position[4:6] == pytest.approx([states[-1].position[3], 8])
-    assert states[-1].position[1:3] == pytest.approx([0, 1])
+    assert hypot(*states[-1].position[1:3]) == pytest.approx(1)
     refusal = robot.set_parameter('num_features', 5)
     assert 'expected at most 4, the number of sensors' in refusal.reason
     reply = json.loads(robot.call(robot.select_client, seconds=120).message)
-    assert set(reply['ranking']) == {'x', 'yaw', 'scan', 'radio'}
+    assert set(reply.get('ranking', reply)) == {'x', 'yaw', 'scan', 'radio'}
     robot.until(lambda: robot.diagnostics['sampler: /scan'][0] == OK)
     values = robot.diagnostics['sampler: /scan'][2]
     assert float(values['rate in Hz']) > 5
