@@ -42,6 +42,7 @@ setup(
         'console_scripts': [
             'demo = cmifs_ros.tools.program:demo',
             'downstream = cmifs_ros.tools.program:downstream',
+            'make_robot_file = cmifs_ros.tools.program:make_robot_file',
             'sampler_node = cmifs_ros.ros.run_node:sampler_node',
             'select_from_bag = cmifs_ros.tools.program:select_from_bag',
             'selector_node = cmifs_ros.ros.run_node:selector_node',

@@ -15,10 +15,12 @@ PACKAGE = ElementTree.parse(ROOT / 'package.xml').getroot()
 KEYS = {
     'joblib': 'python3-joblib',
     'matplotlib': 'python3-matplotlib',
+    'numba': 'python3-numba',
     'numpy': 'python3-numpy',
     'rich': 'python3-rich',
     'scipy': 'python3-scipy',
     'tqdm': 'python3-tqdm',
+    'yaml': 'python3-yaml',
 }
 #: Imports that the package does without until they are asked for: the extra that brings each, and
 #: what pip calls it.
@@ -26,6 +28,7 @@ OPTIONAL = {
     'distributed': ('cluster', 'distributed'),
     'ennemi': ('peers', 'ennemi'),
     'gymnasium': ('tasks', 'gymnasium'),
+    'rosbags': ('bags', 'rosbags'),
     'sklearn': ('peers', 'scikit-learn'),
 }
 
@@ -44,18 +47,25 @@ def test_every_import_is_a_declared_dependency():
 
 def test_optional_imports_are_extras_and_stand_inside_functions():
     setup = (ROOT / 'setup.py').read_text()
-    code = '\n'.join(path.read_text() for path in (ROOT / 'cmifs_ros').rglob('*.py'))
+    folders = ('cmifs_ros', 'studies')
+    code = '\n'.join(p.read_text() for folder in folders for p in (ROOT / folder).rglob('*.py'))
+    installed = '\n'.join(p.read_text() for p in (ROOT / 'cmifs_ros').rglob('*.py'))
     for name, (extra, package) in OPTIONAL.items():
         assert re.search(rf"'{extra}': \[.*'{package}\b", setup)
         assert re.search(rf'^ +from {name}[.\w]* import', code, re.M)
-        assert not re.search(rf'^(from|import) {name}\b', code, re.M)
+        assert not re.search(rf'^(from|import) {name}\b', installed, re.M)
 
 
-def test_core_sim_and_collect_import_nothing_but_numpy_and_scipy():
-    for folder in ('core', 'sim', 'collect'):
+def test_core_sim_and_collect_know_no_ros():
+    allowed = {
+        'core': {'numpy', 'scipy', 'numba'},
+        'sim': {'numpy'},
+        'collect': {'numpy', 'yaml', 'rosbags', 'gymnasium'},
+    }
+    for folder, packages in allowed.items():
         for path in (ROOT / 'cmifs_ros' / folder).rglob('*.py'):
             names = set(re.findall(r'^\s*(?:from|import) ([a-zA-Z]\w*)', path.read_text(), re.M))
-            assert names <= set(sys.stdlib_module_names) | {'numpy', 'scipy', 'cmifs_ros'}, path
+            assert names <= set(sys.stdlib_module_names) | packages | {'cmifs_ros'}, path
 
 
 def test_setup_py_and_package_xml_say_the_same():
@@ -98,6 +108,7 @@ def test_installed_data_files_are_where_ros_looks_for_them():
         'share/cmifs_ros/launch/cmifs_ros.launch.xml',
         'lib/cmifs_ros/demo',
         'lib/cmifs_ros/downstream',
+        'lib/cmifs_ros/make_robot_file',
         'lib/cmifs_ros/sampler_node',
         'lib/cmifs_ros/select_from_bag',
         'lib/cmifs_ros/selector_node',

@@ -5,27 +5,57 @@ rosbags is optional: `pip install 'rosbags>=0.11,<0.12'`.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from array import array
+from collections.abc import Callable, Collection, Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 
 from cmifs_ros.core import Episode
 
+from .reward_reader import RewardReader
 from .robot_file import RobotFile
 from .sampler import Sampler, event_time
 from .transitions import EpisodeAssembler
+
+MAX_EPISODE_STEPS = 10_000
 
 
 class BagError(Exception):
     """A bag cannot be used; the message says why."""
 
 
+@dataclass(frozen=True)
+class BagEpisodes:
+    """What a bag holds of episodes.
+
+    Attributes
+    ----------
+    channel_names : tuple of str
+    episodes : list of Episode
+    num_messages : int
+        Messages read of the topics that were asked for.
+    dropped : dict of str to int
+        How many messages, steps and episodes were dropped, by cause.
+
+    """
+
+    channel_names: tuple[str, ...]
+    episodes: list[Episode]
+    num_messages: int
+    dropped: dict[str, int]
+
+
+def _all(messages: Iterable, total: int) -> Iterable:
+    return messages
+
+
 def episodes_of_bag(
     path: str | Path,
-    robot: RobotFile,
-    max_episode_steps: int = 10_000,
-    on_message: Callable[[], None] = lambda: None,
-) -> tuple[list[Episode], Sampler, EpisodeAssembler]:
-    """Return a bag's whole episodes, and the sampler and assembler, which count what was dropped.
+    robot: RobotFile | None = None,
+    watch: Callable[[Iterable, int], Iterable] = _all,
+) -> BagEpisodes:
+    """Return a bag's whole episodes, and how much was dropped.
 
     Messages are read one after the other; only the episodes stay in memory. A message without a
     header's stamp is at the time at which it was recorded.
@@ -34,54 +64,129 @@ def episodes_of_bag(
     ----------
     path : path
         A file or a folder.
-    robot : RobotFile
-    max_episode_steps : int, optional
-        A longer episode is cut.
-    on_message : callable, optional
-        Called after each message, for a display of progress.
+    robot : RobotFile, optional
+        Without one, the bag holds the topics `state` and `reward`, in one namespace or none.
+    watch : callable, optional
+        Is given the messages and their number and passes them on, for a display of progress.
 
     Raises
     ------
     BagError
-        If rosbags is missing, the bag cannot be read, or it lacks a topic of the robot file.
+        If rosbags is missing, the bag cannot be read, or it lacks a topic.
 
     """
+    assembler = EpisodeAssembler(MAX_EPISODE_STEPS)
+    collector = _StatesAndRewards(assembler) if robot is None else _Sampled(assembler, robot)
+    with open_bag(path) as reader:
+        topics = collector.topics_among(reader.topics, path)
+        total = sum(c.msgcount for c in reader.connections if c.topic in topics)
+        count = 0
+        for topic, message, recorded in watch(messages_of(reader, path, topics), total):
+            collector.add(topic, message, event_time(message, recorded))
+            count += 1
+    names, dropped = collector.finish()
+    dropped |= {f'messages, {cause}': n for cause, n in assembler.dropped_messages.items()}
+    dropped |= {f'episodes, {cause}': n for cause, n in assembler.dropped_episodes.items()}
+    return BagEpisodes(names, collector.episodes, count, dropped)
+
+
+@contextmanager
+def open_bag(path: str | Path) -> Iterator:
+    """Open a bag as a reader of rosbags; raise a BagError if it cannot be opened."""
     try:
-        from rosbags.highlevel import AnyReader, AnyReaderError
+        from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore
     except ImportError:
         raise BagError(
             "bags are read by rosbags; install it: pip install 'rosbags>=0.11,<0.12'"
         ) from None
-    sampler = Sampler(robot)
-    assembler = EpisodeAssembler(max_episode_steps)
-    episodes: list[Episode] = []
-    names = list(robot.channel_names)
-
-    def collect(steps) -> None:
-        for step in steps:
-            episodes.extend(assembler.add_state(step.stamp, names, step.state))
-            episodes.extend(assembler.add_reward(step.stamp, step.sample))
-
+    if not Path(path).exists():
+        raise BagError(f'{path} does not exist; expected a bag, a file or a folder')
     try:
-        store = get_typestore(Stores.ROS2_JAZZY)
-        with AnyReader([Path(path)], default_typestore=store) as reader:
-            wanted = [c for c in reader.connections if c.topic in robot.topics]
-            missing = set(robot.topics) - {c.topic for c in wanted}
-            if missing:
-                raise BagError(
-                    f'{path} lacks {", ".join(sorted(missing))} of the robot file; it has '
-                    f'{", ".join(sorted(reader.topics))[:1000]}'
-                )
-            for connection, recorded, data in reader.messages(wanted):
-                message = reader.deserialize(data, connection.msgtype)
-                collect(sampler.add(connection.topic, message, event_time(message, recorded)))
-                on_message()
-    except BagError:
-        raise
-    except (AnyReaderError, OSError) as error:
-        raise BagError(f'{path} cannot be read as a bag: {error}') from None
-    except Exception as error:  # A torn file breaks its readers in many ways.
-        raise BagError(f'{path} breaks off: {type(error).__name__}: {error}') from error
-    collect(sampler.flush())
-    return episodes, sampler, assembler
+        reader = AnyReader([Path(path)], default_typestore=get_typestore(Stores.ROS2_JAZZY))
+        reader.open()
+    except Exception as error:  # A foreign or torn file breaks its readers in many ways.
+        raise BagError(f'{path} cannot be read as a bag: {_shown(error)}') from error
+    try:
+        yield reader
+    finally:
+        reader.close()
+
+
+def messages_of(reader, path: str | Path, topics: Collection[str]) -> Iterator[tuple]:
+    """Yield topic, message and time of record of an open bag's messages, in order of time."""
+    wanted = [c for c in reader.connections if c.topic in topics]
+    try:
+        for connection, recorded, data in reader.messages(wanted):
+            yield connection.topic, reader.deserialize(data, connection.msgtype), recorded
+    except Exception as error:  # What is raised where this is used does not pass here.
+        raise BagError(f'{path} breaks off: {_shown(error)}') from error
+
+
+def _shown(error: Exception) -> str:
+    return f'{type(error).__name__}: {" ".join(str(error).split())[:300]}'
+
+
+class _Sampled:
+    """Episodes from a robot's own topics."""
+
+    def __init__(self, assembler: EpisodeAssembler, robot: RobotFile):
+        self._assembler, self._robot, self._sampler = assembler, robot, Sampler(robot)
+        self._names = list(robot.channel_names)
+        self.episodes: list[Episode] = []
+
+    def topics_among(self, topics: Collection[str], path) -> Collection[str]:
+        missing = set(self._robot.topics) - set(topics)
+        if missing:
+            raise BagError(
+                f'{path} lacks {", ".join(sorted(missing))} of the robot file; it has '
+                f'{", ".join(sorted(topics))[:1000] or "no topics"}'
+            )
+        return self._robot.topics
+
+    def add(self, topic: str, message, stamp: int) -> None:
+        self._collect(self._sampler.add(topic, message, stamp))
+
+    def _collect(self, steps) -> None:
+        for step in steps:
+            self.episodes += self._assembler.add_state(step.stamp, self._names, step.state)
+            self.episodes += self._assembler.add_reward(step.stamp, step.sample)
+
+    def finish(self) -> tuple[tuple[str, ...], dict[str, int]]:
+        self._collect(self._sampler.flush())
+        dropped = {f'late messages of {t}': n for t, n in self._sampler.late.items()}
+        dropped |= {f'wrong messages of {t}': n for t, n in self._sampler.wrong.items()}
+        dropped |= {f'steps without {name}': n for name, n in self._sampler.missing.items()}
+        return tuple(self._names), dropped
+
+
+class _StatesAndRewards:
+    """Episodes from the topics that the selector itself subscribes to."""
+
+    def __init__(self, assembler: EpisodeAssembler):
+        self._assembler, self._reader = assembler, RewardReader()
+        self.episodes: list[Episode] = []
+
+    def topics_among(self, topics: Collection[str], path) -> Collection[str]:
+        spaces = [t.removesuffix('/state') for t in topics if t.endswith('/state')]
+        spaces = [space for space in spaces if f'{space}/reward' in topics]
+        if len(spaces) != 1:
+            raise BagError(
+                f'{path} has {len(spaces)} pairs of topics state and reward; expected one, or a '
+                f'robot file (--robot); it has {", ".join(sorted(topics))[:1000] or "no topics"}'
+            )
+        return f'{spaces[0]}/state', f'{spaces[0]}/reward'
+
+    def add(self, topic: str, message, stamp: int) -> None:
+        try:
+            names, values = list(message.name), array('d', message.position)
+            if topic.endswith('/state'):
+                self.episodes += self._assembler.add_state(stamp, names, values)
+            else:
+                sample = self._reader.read(names, values)
+                self.episodes += self._assembler.add_reward(stamp, sample)
+        except (AttributeError, TypeError, ValueError) as error:
+            self._assembler.drop_message('malformed', f'{topic}: {error}')
+
+    def finish(self) -> tuple[tuple[str, ...], dict[str, int]]:
+        return self._assembler.channel_names or (), {}

@@ -1,8 +1,8 @@
 """Tests whether a sensor tells something about the return that the others selected do not.
 
 The score with the sensor is compared with the scores with its shadows in its place. Their mean
-comes from local shadows, which keep what the sensor shares with the others selected; their spread
-from shadows made of whole trajectories, since the steps of an episode are not independent.
+comes from local shadows, which keep what the sensor shares with the others selected; the spread of
+whole trajectories of other episodes is theirs, since the steps of an episode are not independent.
 """
 
 from __future__ import annotations

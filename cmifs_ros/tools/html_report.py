@@ -13,10 +13,8 @@ import numpy as np
 from cmifs_ros.core import Episode
 from cmifs_ros.core.selection import Selection
 
-#: Sensors of the ranking, and channels beside the selected, that a picture can show legibly.
-MAX_SHOWN = 40
-_STATUS_COLORS = {'confirmed': '#1a7f37', 'tentative': '#b08800', 'rejected': '#8c959f'}
-_PLAIN_COLOR = '#0969da'
+from .ranking import MAX_SHOWN, PLAIN_COLOR, draw_ranking, figure_of, label_of
+
 _STYLE = """
 body { font: 16px/1.5 system-ui, sans-serif; max-width: 60rem; margin: 2rem auto; padding: 0 1rem;
        color: #1f2328; overflow-wrap: break-word; }
@@ -71,7 +69,7 @@ def write_report(
         f'<p>From {selection.episodes} episodes, {selection.steps} steps, '
         f'{len(names)} channels, in {selection.seconds:.1f} s.</p>',
         '<h2>Ranking</h2>',
-        _image(_draw_ranking(selection), 'score after each sensor of the ranking'),
+        _image(draw_ranking(selection), 'score after each sensor of the ranking'),
         _ranking_table(selection),
         '<h2>Correlation of the selected with the other channels</h2>',
         '<p class="note">Of the values at all steps. A channel that correlates with a selected '
@@ -96,52 +94,11 @@ def write_report(
     return path
 
 
-def _figure(width: float, height: float):
-    """Return a figure apart from pyplot: no window, no state, nothing to close."""
-    from matplotlib.figure import Figure
-
-    return Figure(figsize=(width, height), layout='constrained')
-
-
 def _image(figure, description: str) -> str:
     stream = io.BytesIO()
     figure.savefig(stream, format='png', dpi=100)
     data = base64.b64encode(stream.getvalue()).decode('ascii')
     return f'<img alt="{escape(description)}" src="data:image/png;base64,{data}">'
-
-
-def _label(name: str) -> str:
-    """Return a name as a picture can show it: short, no mathematics, no control characters."""
-    text = ''.join(c if c.isprintable() else '?' for c in name)
-    return (text if len(text) <= 24 else f'{text[:22]}..').replace('$', r'\$')
-
-
-def _draw_ranking(selection: Selection):
-    scores = selection.scores[:MAX_SHOWN]
-    places = np.arange(len(scores))
-    figure = _figure(9, 4)
-    axes = figure.subplots()
-    if selection.null_scores:
-        low, median, high = np.array(selection.null_scores[:MAX_SHOWN]).T
-        axes.fill_between(
-            places[: len(low)], low, high, color='0.85', step='mid',
-            label='a sensor that tells nothing: 5 % to 95 %',
-        )  # fmt: skip
-        axes.step(places[: len(low)], median, where='mid', color='0.6', label='its median')
-    axes.plot(places, scores, '-', color='0.4', zorder=2)
-    statuses = selection.statuses[:MAX_SHOWN] or ('',) * len(scores)
-    for status in dict.fromkeys(statuses):
-        here = [i for i, other in enumerate(statuses) if other == status]
-        color = _STATUS_COLORS.get(status, _PLAIN_COLOR)
-        axes.plot(
-            here, [scores[i] for i in here], 'o', color=color, zorder=3, label=status or 'score'
-        )
-    labels = [_label(name) for name in selection.ranking[:MAX_SHOWN]]
-    axes.set_xticks(places, labels, rotation=45, ha='right', rotation_mode='anchor')
-    axes.set_xlabel('sensor added')
-    axes.set_ylabel('score of all so far')
-    axes.legend()
-    return figure
 
 
 def _ranking_table(selection: Selection) -> str:
@@ -189,23 +146,23 @@ def _correlation(selection: Selection, states: np.ndarray, names: Sequence[str])
     # Of many, those that resemble a selected one most.
     likeness = np.abs(correlation[:, others]).max(axis=0)
     others = [others[i] for i in np.argsort(-likeness, kind='stable')[:MAX_SHOWN]]
-    figure = _figure(9, 1.6 + 0.35 * len(selected))
+    figure = figure_of(9, 1.6 + 0.35 * len(selected))
     axes = figure.subplots()
     image = axes.imshow(correlation[:, others], cmap='RdBu', vmin=-1, vmax=1, aspect='auto')
     axes.set_xticks(
-        range(len(others)), [_label(names[c]) for c in others], rotation=45, ha='right',
+        range(len(others)), [label_of(names[c]) for c in others], rotation=45, ha='right',
         rotation_mode='anchor',
     )  # fmt: skip
-    axes.set_yticks(range(len(selected)), [_label(names[c]) for c in selected])
+    axes.set_yticks(range(len(selected)), [label_of(names[c]) for c in selected])
     figure.colorbar(image, label='correlation')
     return _image(figure, 'correlation of the selected with the other channels')
 
 
 def _draw_returns(episodes: Sequence[Episode]):
     returns = [float(episode.rewards.sum()) for episode in episodes]
-    figure = _figure(9, 3)
+    figure = figure_of(9, 3)
     axes = figure.subplots()
-    axes.hist(returns, bins=min(30, max(5, len(returns) // 4)), color=_PLAIN_COLOR)
+    axes.hist(returns, bins=min(30, max(5, len(returns) // 4)), color=PLAIN_COLOR)
     axes.set_xlabel('return (sum of the rewards of an episode)')
     axes.set_ylabel('episodes')
     return figure

@@ -33,6 +33,11 @@ def downstream() -> int:
     return start('cmifs_ros.tools.downstream')
 
 
+def make_robot_file() -> int:
+    """Write a first robot file."""
+    return start('cmifs_ros.tools.make_robot_file')
+
+
 def select_from_bag() -> int:
     """Select from recorded bags."""
     return start('cmifs_ros.tools.select_from_bag')

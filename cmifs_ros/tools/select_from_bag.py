@@ -3,64 +3,120 @@
 from __future__ import annotations
 
 import argparse
-import dataclasses
 import json
 import sys
+import time
+from collections import Counter
 from pathlib import Path
 
-from cmifs_ros.collect.bag import BagError, episodes_of_bag
-from cmifs_ros.collect.robot_file import RobotFileError, load_robot_file
+from cmifs_ros.collect import episode_file
+from cmifs_ros.collect.bag import BagEpisodes, BagError, episodes_of_bag
+from cmifs_ros.collect.robot_file import RobotFile, RobotFileError, load_robot_file
+from cmifs_ros.collect.selection_report import reply_of
+
+from .arguments import number_from
+from .program import StudyError, exit_code
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the command; return its exit code."""
     parser = argparse.ArgumentParser('select_from_bag', description=__doc__)
-    parser.add_argument('bags', nargs='+', metavar='BAG', help='a file or a folder')
-    parser.add_argument('--robot', required=True, metavar='FILE', help='the robot file')
-    parser.add_argument('--output', default='selection.json', metavar='FILE')
+    parser.add_argument('bags', nargs='+', metavar='BAG', help='files or folders; they are pooled')
+    parser.add_argument(
+        '--robot', metavar='FILE', help='the robot file; without, bags hold state and reward'
+    )
+    parser.add_argument(
+        '--out', type=Path, default=Path(), metavar='FOLDER',
+        help='for selection.json and selection.png (default: here)',
+    )  # fmt: skip
+    parser.add_argument(
+        '--episodes-file', metavar='FILE', help='write what a selector takes up (episodes_path)'
+    )
+    parser.add_argument('--report', type=Path, metavar='FOLDER', help='write a page, index.html')
+    parser.add_argument(
+        '--num-features', type=number_from(1), metavar='N',
+        help='sensors to select (default: as many as there is evidence for)',
+    )  # fmt: skip
+    parser.add_argument(
+        '--jobs', type=number_from(1), default=1, metavar='N', help='bags read at the same time'
+    )
     options = parser.parse_args(arguments)
+    return exit_code('select_from_bag', lambda: _run(options), 'nothing is written')
+
+
+def _run(options: argparse.Namespace) -> None:
     try:
-        return _run(options)
-    except (BagError, RobotFileError, OSError, ValueError) as error:
-        print(error, file=sys.stderr)
-        return 1
-    except KeyboardInterrupt:
-        return 130
+        robot = load_robot_file(options.robot) if options.robot else None
+        bags = _read(options.bags, robot, options.jobs)
+        _select(bags, robot, options)
+    except (BagError, RobotFileError, OSError) as error:
+        raise StudyError(str(error)) from error
 
 
-def _run(options: argparse.Namespace) -> int:
+def _read(paths: list[str], robot: RobotFile | None, jobs: int) -> list[BagEpisodes]:
     from tqdm import tqdm
 
+    if jobs == 1 or len(paths) == 1:
+
+        def watch(messages, total):
+            return tqdm(messages, total=total, unit=' messages', disable=None, leave=False)
+
+        found = (episodes_of_bag(path, robot, watch) for path in paths)
+    else:
+        from joblib import Parallel, delayed
+
+        read = Parallel(jobs, return_as='generator')(
+            delayed(episodes_of_bag)(path, robot) for path in paths
+        )
+        found = tqdm(read, total=len(paths), unit=' bags', disable=None, leave=False)
+    bags = []
+    for path, bag in zip(paths, found, strict=True):
+        bags.append(bag)
+        print(f'{path}: {bag.num_messages} messages, {len(bag.episodes)} whole episodes')
+        for cause, count in sorted(bag.dropped.items()):
+            print(f'  dropped: {count} {cause}')
+        with_episodes = [b for b in bags if b.episodes]
+        if bag.episodes and bag.channel_names != with_episodes[0].channel_names:
+            raise BagError(f'{path} has other channels than the bags before it; expected the same')
+    return bags
+
+
+def _select(bags: list[BagEpisodes], robot: RobotFile | None, options) -> None:
     from cmifs_ros.core.selection import select
 
-    robot = load_robot_file(options.robot)
-    episodes = []
-    for bag in options.bags:
-        with tqdm(desc=bag, unit=' messages', disable=None) as progress:
-            found, sampler, assembler = episodes_of_bag(bag, robot, on_message=progress.update)
-        episodes += found
-        print(f'{bag}: {sum(sampler.received.values())} messages, {sampler.num_steps} steps, '
-              f'{len(found)} episodes')  # fmt: skip
-        for what, counts in (
-            ('late messages', sampler.late),
-            ('wrong messages', sampler.wrong),
-            ('steps without', sampler.missing),
-            ('dropped episodes', assembler.dropped_episodes),
-        ):
-            if counts:
-                print(f'  {what}: {", ".join(f"{k} {n}" for k, n in counts.most_common())}')
+    from .html_report import write_report
+    from .ranking import draw_ranking, ranking_text
+
+    episodes = [episode for bag in bags for episode in bag.episodes]
     if len(episodes) < 2:
-        raise BagError(f'{len(episodes)} whole episodes; expected at least 2')
-    # A channel that never moves can tell nothing and is left to the selector as it is.
-    settings = {'groups': robot.groups} if robot.groups else {}
-    selection = select(episodes, robot.channel_names, 'conditional_mi', settings)
-    for place, (name, score) in enumerate(
-        zip(selection.ranking, selection.scores, strict=False), 1
-    ):
-        print(f'{place:3d}  {name:24s} {score:.4f}')
-    print(f'selected: {", ".join(selection.names)}')
-    Path(options.output).write_text(json.dumps(dataclasses.asdict(selection), indent=1) + '\n')
-    return 0
+        raise BagError(
+            f'{len(episodes)} whole episodes; expected at least 2, better 50. One that the '
+            "recording's begin or end cuts does not count; `episode: {steps: 25}` in the robot "
+            'file makes windows of 25 steps'
+        )
+    names = next(bag.channel_names for bag in bags if bag.episodes)
+    settings = {'num_features': options.num_features}
+    if robot and robot.groups:
+        settings['groups'] = robot.groups
+    print(f'selecting among {len(names)} channels from {len(episodes)} episodes ...', flush=True)
+    try:
+        selection = select(episodes, names, 'conditional_mi', settings)
+    except ValueError as error:  # of the settings or the episodes
+        raise StudyError(str(error)) from error
+    print(f'\n{ranking_text(selection)}\n')
+    print(f'selected: {", ".join(selection.names) or "nothing"} ({selection.seconds:.1f} s)')
+    options.out.mkdir(parents=True, exist_ok=True)
+    written = [options.out / 'selection.json', options.out / 'selection.png']
+    written[0].write_text(json.dumps(reply_of(selection), indent=1) + '\n')
+    draw_ranking(selection).savefig(written[1], dpi=150)
+    if options.episodes_file:
+        saved = episode_file.Saved(names, episodes, selection, time.time())
+        episode_file.write(options.episodes_file, saved)
+        written.append(options.episodes_file)
+    if options.report:
+        dropped = sum((Counter(bag.dropped) for bag in bags), Counter())
+        written.append(write_report(options.report, selection, episodes, names, dropped))
+    print(f'written: {", ".join(map(str, written))}')
 
 
 if __name__ == '__main__':

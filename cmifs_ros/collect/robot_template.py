@@ -1,0 +1,188 @@
+"""A first robot file from what topics carry: every numeric field of every topic is a channel."""
+
+from __future__ import annotations
+
+import json
+import keyword
+import math
+import re
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import groupby
+from pathlib import Path
+
+from .bag import messages_of, open_bag
+from .field_path import MAX_PARTS, parse_field_path
+from .robot_file import OWN_VALUES, STATUS
+
+#: Of a longer array so many values are taken, evenly spaced.
+MAX_SLICE = 12
+_OF_ROS = ('/rosout', '/parameter_events', '/clock')
+_QUATERNION = 'geometry_msgs/msg/Quaternion'
+_TIMES = ('builtin_interfaces/msg/Time', 'builtin_interfaces/msg/Duration', 'std_msgs/msg/Header')
+_NO_NUMBERS = ('string', 'wstring')
+_BYTES = ('uint8', 'byte', 'octet')
+_IN_BRACES = re.compile(r'[^{},\s"\\]+')
+
+
+@dataclass(frozen=True)
+class _Field:
+    topic: str
+    fields: tuple[str, ...]
+    end: str = ''
+    options: str = ''
+
+    @property
+    def path(self) -> str:
+        return '.'.join((self.topic, *self.fields)) + self.end
+
+
+def robot_file_of_bag(path: str | Path) -> str:
+    """Return the text of a robot file with all channels of a bag.
+
+    It is valid but for the reward, which only its user knows.
+
+    Raises
+    ------
+    BagError
+        If the bag cannot be read.
+
+    """
+    found: list[_Field] = []
+    without: list[str] = []
+    actions: list[str] = []
+    with open_bag(path) as reader:
+        seconds = reader.duration / 1e9
+        for topic, info in sorted(reader.topics.items()):
+            if topic.endswith(STATUS):
+                actions.append(topic.removesuffix(STATUS))
+            if topic in _OF_ROS or '/_action/' in topic:
+                continue
+            first = next(messages_of(reader, path, [topic]), None)
+            if first is None:
+                without.append(f'{topic} has no messages')
+                continue
+            age = _max_age(seconds, info.msgcount)
+            definitions = reader.typestore.fielddefs
+            fields = [
+                replace(field, options=field.options + age)
+                for field in _numbers(definitions, info.msgtype, first[1], topic)
+                if _is_path(field.path)
+            ]
+            found += fields
+            if not fields:
+                without.append(f'{topic} ({info.msgtype}) has no numeric field')
+    return _text(Path(path).name, found, without, actions)
+
+
+def _max_age(seconds: float, count: int) -> str:
+    """Return the option for a topic that comes less often than twice a second."""
+    if count <= 1:
+        return ', max_age: .inf'
+    period = seconds / count
+    return f', max_age: {math.ceil(3 * period)}.0' if period > 0.5 else ''
+
+
+def _is_path(text: str) -> bool:
+    try:
+        parse_field_path(text)
+    except ValueError:
+        return False
+    return True
+
+
+def _numbers(
+    definitions: dict, kind: str, message, topic: str, above: tuple[str, ...] = ()
+) -> Iterator[_Field]:
+    """Yield the numeric fields of a type; a message says how long its arrays are."""
+    if len(above) >= MAX_PARTS:
+        return
+    for name, (node, what) in definitions[kind][1]:
+        fields = (*above, name)
+        value = getattr(message, name, None)
+        node_name = node.name
+        if value is None or name == 'structure_needs_at_least_one_member':
+            continue
+        if node_name == 'NAME':
+            if what == _QUATERNION:
+                yield _Field(topic, fields, '', ', as: yaw')
+            elif what not in _TIMES:
+                yield from _numbers(definitions, what, value, topic, fields)
+        elif node_name == 'BASE':
+            if what[0] not in _NO_NUMBERS:
+                yield _Field(topic, fields)
+        elif what[0][0].name == 'BASE' and what[0][1][0] not in (*_NO_NUMBERS, *_BYTES):
+            end = _end(name, value, list(getattr(message, 'name', ())))
+            inf = ', inf: range_max' if name == 'ranges' and hasattr(message, 'range_max') else ''
+            if end:
+                yield _Field(topic, fields, end, inf)
+
+
+def _end(name: str, values: Sequence, names: list[str]) -> str:
+    """Return what takes the values of an array: by name, the diagonal, or evenly spaced."""
+    length = len(values)
+    if length == 0:
+        return ''
+    is_named = len(names) == length == len(set(names))
+    if is_named and all(isinstance(n, str) and _IN_BRACES.fullmatch(n) for n in names):
+        return f'{{{",".join(names)}}}'
+    if 'covariance' in name and math.isqrt(length) ** 2 == length and length > 1:
+        return f'[0:{length}:{math.isqrt(length) + 1}]'
+    stride = -(-length // MAX_SLICE)
+    return f'[0:{length}:{stride}]' if stride > 1 else f'[0:{length}]'
+
+
+def _names(found: list[_Field]) -> list[str]:
+    """Return a name for each: its last parts, as many as tell it from the others."""
+    parts = [
+        [part for part, _ in groupby((*f.topic.strip('/').split('/'), *f.fields))]  # not pose_pose
+        for f in found
+    ]
+    longest = max(map(len, parts), default=0)
+    counts = [Counter('_'.join(p[-k:]) for p in parts) for k in range(1, longest + 1)]
+    names: list[str] = []
+    for own in parts:
+        candidates = ['_'.join(own[-k:]) for k in range(1, len(own) + 1)]
+        unique = [
+            name
+            for name, count in zip(candidates, counts, strict=False)
+            if count[name] == 1 and name not in OWN_VALUES and name != 'data'
+            and not keyword.iskeyword(name) and name != 'before'
+        ]  # fmt: skip
+        name = unique[0] if unique else candidates[-1]
+        taken = [*names, *OWN_VALUES]
+        number = 2
+        while name in taken:
+            name, number = f'{candidates[-1]}_{number}', number + 1
+        names.append(name)
+    return names
+
+
+def _text(title: str, found: list[_Field], without: list[str], actions: list[str]) -> str:
+    lines = [
+        f'# Written by make_robot_file from {json.dumps(title)[1:-1]}. Decide what is marked TODO,',
+        '# and remove channels that cannot matter: fewer are found with fewer episodes.',
+        '',
+        '# TODO: a step so many times a second, or at each message of a topic: {topic: /odom}.',
+        'step: {rate: 10.0}',
+        '',
+        'channels:' if found else '# There is no numeric field: expected at least one channel.',
+    ]
+    for name, field in zip(_names(found), found, strict=True):
+        path = json.dumps(field.path)
+        lines.append(
+            f'  {name}: ' + (f'{{path: {path}{field.options}}}' if field.options else path)
+        )
+    lines += [f'# {what}' for what in without]
+    lines += [
+        '',
+        '# TODO: what pays, of the values of channels; before(name) is the value of the step left.',
+        '# Values that are no sensors, such as the distance to the goal, belong under `values:`.',
+        '# reward: "before(distance) - distance"',
+        '',
+        '# TODO: when an episode ends: after so many steps, with an action or a condition, such as',
+    ]
+    lines += [f'# episode: {{action: {action}}}' for action in actions or ['/navigate_to_pose']]
+    lines += ['# episode: {terminated: "distance < 0.1", steps: 300}', 'episode: {steps: 25}']
+    return '\n'.join(lines) + '\n'

@@ -1,0 +1,86 @@
+"""A ranking as its readers see it: a table of text, and a picture."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cmifs_ros.core.selection import Selection
+
+#: Sensors of the ranking, and channels beside the selected, that a picture can show legibly.
+MAX_SHOWN = 40
+_STATUS_COLORS = {'confirmed': '#1a7f37', 'tentative': '#b08800', 'rejected': '#8c959f'}
+PLAIN_COLOR = '#0969da'
+
+
+def figure_of(width: float, height: float):
+    """Return a figure apart from pyplot: no window, no state, nothing to close."""
+    from matplotlib.figure import Figure
+
+    return Figure(figsize=(width, height), layout='constrained')
+
+
+def label_of(name: str) -> str:
+    """Return a name as a picture can show it: short, no mathematics, no control characters."""
+    text = ''.join(c if c.isprintable() else '?' for c in name)
+    return (text if len(text) <= 24 else f'{text[:22]}..').replace('$', r'\$')
+
+
+def draw_ranking(selection: Selection):
+    """Return a figure of the scores, beside those of sensors that would tell nothing."""
+    scores = selection.scores[:MAX_SHOWN]
+    places = np.arange(len(scores))
+    figure = figure_of(9, 4)
+    axes = figure.subplots()
+    if selection.null_scores:
+        low, median, high = np.array(selection.null_scores[:MAX_SHOWN]).T
+        axes.fill_between(
+            places[: len(low)], low, high, color='0.85', step='mid',
+            label='a sensor that tells nothing: 5 % to 95 %',
+        )  # fmt: skip
+        axes.step(places[: len(low)], median, where='mid', color='0.6', label='its median')
+    axes.plot(places, scores, '-', color='0.4', zorder=2)
+    statuses = selection.statuses[:MAX_SHOWN] or ('',) * len(scores)
+    for status in dict.fromkeys(statuses):
+        here = [i for i, other in enumerate(statuses) if other == status]
+        color = _STATUS_COLORS.get(status, PLAIN_COLOR)
+        axes.plot(
+            here, [scores[i] for i in here], 'o', color=color, zorder=3, label=status or 'score'
+        )
+    labels = [label_of(name) for name in selection.ranking[:MAX_SHOWN]]
+    axes.set_xticks(places, labels, rotation=45, ha='right', rotation_mode='anchor')
+    axes.set_xlabel('sensor added')
+    axes.set_ylabel('score of all so far')
+    axes.legend()
+    return figure
+
+
+def ranking_text(selection: Selection) -> str:
+    """Return the ranking as a table, with the evidence where there is any."""
+    rows = [['rank', 'sensor', 'score', 'share']]
+    rows[0] += ['tells nothing'] if selection.null_scores else []
+    rows[0] += ['p'] if selection.pvalues else []
+    rows[0] += ['status'] if selection.statuses else []
+    spoke_by = [
+        '' if spoke == (name,) else ', '.join(spoke)
+        for name, spoke in zip(selection.ranking, selection.spoke_by, strict=False)
+    ]
+    rows[0] += ['by its channels'] if any(spoke_by) else []
+    best = max([*selection.scores, 0.0])
+    for i, (name, score) in enumerate(zip(selection.ranking, selection.scores, strict=True)):
+        row = [str(i + 1), name, f'{score:.3f}', f'{max(0.0, score / best) if best else 0:.0%}']
+        if selection.null_scores:
+            low, _, high = selection.null_scores[i]
+            row.append(f'{low:.3f} to {high:.3f}')
+        row += [f'{selection.pvalues[i]:.2g}'] if selection.pvalues else []
+        row += [selection.statuses[i]] if selection.statuses else []
+        row += [spoke_by[i]] if any(spoke_by) else []
+        rows.append(row)
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    is_text = [name in ('sensor', 'status', 'by its channels') for name in rows[0]]
+    return '\n'.join(
+        '  '.join(
+            cell.ljust(width) if left else cell.rjust(width)
+            for cell, width, left in zip(row, widths, is_text, strict=True)
+        ).rstrip()
+        for row in rows
+    )

@@ -1,0 +1,192 @@
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+pytest.importorskip('rosbags', reason='rosbags is not here')
+from bags import ROBOT, episodes_of, write_bag
+
+from cmifs_ros.collect import episode_file
+from cmifs_ros.collect.bag import BagError, episodes_of_bag, open_bag
+from cmifs_ros.collect.robot_file import parse_robot_file
+from cmifs_ros.tools.make_robot_file import main as make_robot_file
+from cmifs_ros.tools.select_from_bag import main
+
+
+@pytest.fixture
+def robot(tmp_path):
+    path = tmp_path / 'robot.yaml'
+    path.write_text(ROBOT)
+    return str(path)
+
+
+def file_of(bag):
+    """Return the one file of a bag's folder that holds messages."""
+    return next(path for path in bag.iterdir() if path.suffix in {'.mcap', '.db3'})
+
+
+@pytest.mark.parametrize(
+    ('storage', 'compression'),
+    [('mcap', None), ('db3', None), ('db3', 'MESSAGE'), ('db3', 'FILE'), ('mcap', 'STORAGE')],
+)
+def test_a_bag_gives_the_episodes_that_were_written(tmp_path, storage, compression):
+    expected = episodes_of(*write_bag(tmp_path / 'bag', 42, storage, compression))
+    bag = episodes_of_bag(tmp_path / 'bag', parse_robot_file(ROBOT))
+    assert bag.channel_names == ('x', 'noise', 'still')
+    assert len(bag.episodes) == len(expected) == 7
+    for episode, (states, rewards) in zip(bag.episodes, expected, strict=True):
+        np.testing.assert_array_equal(episode.states, states)
+        np.testing.assert_array_equal(episode.rewards, rewards)
+    assert bag.num_messages == 3 * 42
+
+
+def test_several_bags_are_pooled_and_everything_is_written(tmp_path, robot, capsys):
+    bags = [str(tmp_path / name) for name in ('one', 'two')]
+    expected = [
+        episode
+        for seed, (path, storage) in enumerate(zip(bags, ('mcap', 'db3'), strict=True))
+        for episode in episodes_of(*write_bag(path, 90, storage, seed=seed))
+    ]
+    out, saved = tmp_path / 'out', tmp_path / 'episodes'
+    options = ['--out', str(out), '--episodes-file', str(saved), '--report', str(out / 'page')]
+    assert main([*bags, '--robot', robot, *options]) == 0
+    printed = capsys.readouterr().out
+    assert '270 messages, 15 whole episodes' in printed
+    assert 'tells nothing' in printed
+    selection = json.loads((out / 'selection.json').read_text())
+    assert (selection['ranking'][0], selection['statuses'][0]) == ('x', 'confirmed')
+    assert 'still' not in selection['names']
+    assert selection['episodes'] == 30
+    assert (out / 'selection.png').read_bytes().startswith(b'\x89PNG')
+    assert '<h1>Selected: x' in (out / 'page' / 'index.html').read_text()
+    found = episode_file.read(saved, max_episodes=100, max_bytes=10**9)
+    assert found.channel_names == ('x', 'noise', 'still')
+    assert found.selection.names == tuple(selection['names'])
+    for episode, (states, rewards) in zip(found.episodes, expected, strict=True):
+        np.testing.assert_array_equal(episode.states, states)
+        np.testing.assert_array_equal(episode.rewards, rewards)
+
+
+def test_jobs_change_nothing(tmp_path, robot):
+    bags = [str(tmp_path / name) for name in ('one', 'two')]
+    for seed, path in enumerate(bags):
+        write_bag(path, 60, seed=seed)
+    for jobs in ('1', '2'):
+        options = ['--out', str(tmp_path / jobs), '--num-features', '1', '--jobs', jobs]
+        assert main([*bags, '--robot', robot, *options]) == 0
+    one, two = (json.loads((tmp_path / j / 'selection.json').read_text()) for j in '12')
+    assert one | {'seconds': 0} == two | {'seconds': 0}
+
+
+def spoilt(path, how):
+    """Write a bag, spoil it and return its path."""
+    if how == 'missing':
+        return path
+    write_bag(path, 10 if how == 'short' else 42)
+    if how == 'foreign':
+        file = path.with_suffix('.mcap')
+        file.write_bytes(b'no bag at all' * 100)
+        return file
+    if how == 'truncated':
+        file = file_of(path)
+        file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
+    return path
+
+
+@pytest.mark.parametrize(
+    ('how', 'said'),
+    [
+        ('missing', 'does not exist'),
+        ('foreign', 'cannot be read as a bag'),
+        ('truncated', 'cannot be read as a bag|breaks off'),
+        ('short', '1 whole episodes; expected at least 2'),
+    ],
+)
+def test_a_bag_that_cannot_be_used_is_one_sentence(tmp_path, robot, how, said, capsys):
+    path = spoilt(tmp_path / 'bag', how)
+    assert main([str(path), '--robot', robot, '--out', str(tmp_path)]) == 1
+    error = capsys.readouterr().err
+    assert any(part in error for part in said.split('|'))
+    assert error.count('\n') == 1
+    assert not (tmp_path / 'selection.json').exists()
+
+
+def test_a_topic_that_the_bag_lacks_is_an_error(tmp_path, capsys):
+    write_bag(tmp_path / 'bag', 42)
+    (tmp_path / 'robot.yaml').write_text(ROBOT.replace('/noise.data', '/battery.percentage'))
+    assert main([str(tmp_path / 'bag'), '--robot', str(tmp_path / 'robot.yaml')]) == 1
+    assert 'lacks /battery of the robot file; it has /arm, /noise' in capsys.readouterr().err
+
+
+def test_without_a_robot_file_a_bag_needs_state_and_reward(tmp_path, capsys):
+    write_bag(tmp_path / 'bag', 42)
+    assert main([str(tmp_path / 'bag')]) == 1
+    assert '0 pairs of topics state and reward; expected one' in capsys.readouterr().err
+
+
+def test_an_error_of_the_caller_is_not_blamed_on_the_bag(tmp_path):
+    write_bag(tmp_path / 'bag', 42)
+
+    def watch(messages, total):
+        for message in messages:
+            yield message
+            raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        episodes_of_bag(tmp_path / 'bag', parse_robot_file(ROBOT), watch)
+
+
+def test_an_interruption_is_one_sentence(tmp_path, robot):
+    write_bag(tmp_path / 'bag', 2001)
+    process = subprocess.Popen(
+        [sys.executable, '-u', '-m', 'cmifs_ros.tools.select_from_bag', str(tmp_path / 'bag'),
+         '--robot', robot, '--out', str(tmp_path)],
+        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=dict(os.environ),
+    )  # fmt: skip
+    for line in process.stdout:
+        if line.startswith('selecting'):
+            break
+    process.send_signal(signal.SIGINT)
+    begin = time.monotonic()
+    rest = process.communicate(timeout=30)[0]
+    assert process.returncode == 130
+    assert time.monotonic() - begin < 10
+    assert 'interrupted; nothing is written' in rest
+    assert 'Traceback' not in rest
+
+
+def test_a_robot_file_is_made_that_lacks_only_the_reward(tmp_path, capsys):
+    write_bag(tmp_path / 'bag', 42)
+    assert make_robot_file(['--bag', str(tmp_path / 'bag')]) == 0
+    text = capsys.readouterr().out
+    with pytest.raises(ValueError, match=r"^line 5: the file has no 'reward'$"):
+        parse_robot_file(text)
+    robot = parse_robot_file(f'{text}\nreward: "1"\n')
+    assert {source.path.topic for source in robot.sources} == {
+        '/pose', '/noise', '/pay', '/scan', '/arm'
+    }  # fmt: skip
+    paths = {source.name: source for source in robot.sources}
+    (scan,) = (s for s in robot.sources if s.path.fields == ('ranges',))
+    assert scan.path.indices == tuple(range(0, 36, 3))
+    assert scan.inf == 'range_max'
+    (arm,) = (s for s in robot.sources if s.path.topic == '/arm' and 'position' in s.path.fields)
+    assert arm.path.names == ('hip', 'knee')
+    (turn,) = (s for s in robot.sources if s.is_yaw)
+    assert turn.path.fields == ('pose', 'orientation')
+    assert len(paths) == len(robot.sources)
+    assert '/said (std_msgs/msg/String) has no numeric field' in text
+    with pytest.raises(BagError, match='does not exist'), open_bag(tmp_path / 'nothing'):
+        pass
+
+
+def test_a_robot_file_is_not_written_over_another(tmp_path, robot, capsys):
+    write_bag(tmp_path / 'bag', 10)
+    assert make_robot_file(['--bag', str(tmp_path / 'bag'), '--out', robot]) == 1
+    assert 'exists; expected the name of a new file' in capsys.readouterr().err
+    with open(robot) as file:
+        assert file.read() == ROBOT
