@@ -100,7 +100,7 @@ def test_a_robot_of_its_own_topics_gives_episodes_and_groups(start, robot, robot
     refusal = robot.set_parameter('num_features', 5)
     assert 'expected at most 4, the number of sensors' in refusal.reason
     reply = json.loads(robot.call(robot.select_client, seconds=120).message)
-    assert set(reply.get('ranking', reply)) == {'x', 'yaw', 'scan', 'radio'}
+    assert set(reply['ranking']) == {'x', 'yaw', 'scan', 'radio'}
     robot.until(lambda: robot.diagnostics['sampler: /scan'][0] == OK)
     values = robot.diagnostics['sampler: /scan'][2]
     assert float(values['rate in Hz']) > 5
