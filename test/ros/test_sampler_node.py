@@ -137,11 +137,12 @@ def test_messages_of_another_type_than_the_file_means_do_not_end_it(start, robot
     text = robot.node.create_publisher(String, '/text', 10)
     status = robot.node.create_publisher(Float32, '/go/_action/status', 10)
     robot.until(lambda: text.get_subscription_count() and status.get_subscription_count())
-    text.publish(String(data='hello'))
-    status.publish(Float32())
+    # Again and again: that one side knows the other does not mean that it is known there.
+    robot.node.create_timer(0.1, lambda: text.publish(String(data='hello')))
+    robot.node.create_timer(0.1, lambda: status.publish(Float32()))
     robot.until(
         lambda: all(
-            robot.diagnostics.get(f'sampler: {topic}', ('', '', {}))[2].get('wrong') == '1'
+            int(robot.diagnostics.get(f'sampler: {topic}', ('', '', {}))[2].get('wrong', 0))
             for topic in ('/text', '/go/_action/status')
         )
     )
