@@ -19,6 +19,7 @@ KEYS = {
     'rich': 'python3-rich',
     'scipy': 'python3-scipy',
     'tqdm': 'python3-tqdm',
+    'yaml': 'python3-yaml',
 }
 #: Imports that the package does without until they are asked for: the extra that brings each, and
 #: what pip calls it.
@@ -26,6 +27,7 @@ OPTIONAL = {
     'distributed': ('cluster', 'distributed'),
     'ennemi': ('peers', 'ennemi'),
     'gymnasium': ('tasks', 'gymnasium'),
+    'rosbags': ('bags', 'rosbags'),
     'sklearn': ('peers', 'scikit-learn'),
 }
 
