@@ -72,3 +72,29 @@ def episodes_of(states, pay):
     """
     begins = range(0, len(states) - 5, 6)
     return [(states[b : b + 5], pay[b + 1 : b + 6]) for b in begins]
+
+
+def write_states_and_rewards(path, episodes, space='/robot'):
+    """Write episodes as the selector's own topics, in a namespace."""
+    types, name = STORE.types, 'sensor_msgs/msg/JointState'
+    none = np.zeros(0)
+    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        topics = {
+            t: writer.add_connection(f'{space}/{t}', name, typestore=STORE)
+            for t in ('state', 'reward')
+        }
+
+        def write(topic, time, names, values):
+            stamp = types['builtin_interfaces/msg/Time'](*divmod(time, SECOND))
+            header = types['std_msgs/msg/Header'](stamp, '')
+            message = types[name](header, names, np.array(values, float), none, none)
+            writer.write(topics[topic], time, STORE.serialize_cdr(message, name))
+
+        time = 100 * SECOND
+        for number, (states, rewards) in enumerate(episodes):
+            for step, (state, reward) in enumerate(zip(states, rewards, strict=True)):
+                time += SECOND // 10
+                write('state', time, ['x', 'y'], state)
+                is_last = step == len(rewards) - 1
+                fields = ['reward', 'terminated', 'truncated', 'episode', 'step']
+                write('reward', time, fields, [reward, is_last, 0, number, step])

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 pytest.importorskip('rosbags', reason='rosbags is not here')
-from bags import ROBOT, episodes_of, write_bag
+from bags import ROBOT, episodes_of, write_bag, write_states_and_rewards
 
 from cmifs_ros.collect import episode_file
 from cmifs_ros.collect.bag import BagError, episodes_of_bag, open_bag
@@ -127,6 +127,18 @@ def test_without_a_robot_file_a_bag_needs_state_and_reward(tmp_path, capsys):
     write_bag(tmp_path / 'bag', 42)
     assert main([str(tmp_path / 'bag')]) == 1
     assert '0 pairs of topics state and reward; expected one' in capsys.readouterr().err
+
+
+def test_a_bag_of_states_and_rewards_needs_no_robot_file(tmp_path):
+    rng = np.random.default_rng(0)
+    written = [(rng.normal(size=(n, 2)), rng.normal(size=n)) for n in (3, 5, 4)]
+    write_states_and_rewards(tmp_path / 'bag', written)
+    bag = episodes_of_bag(tmp_path / 'bag')
+    assert bag.channel_names == ('x', 'y')
+    assert len(bag.episodes) == 3
+    for episode, (states, rewards) in zip(bag.episodes, written, strict=True):
+        np.testing.assert_array_equal(episode.states, states)
+        np.testing.assert_array_equal(episode.rewards, rewards)
 
 
 def test_an_error_of_the_caller_is_not_blamed_on_the_bag(tmp_path):
