@@ -106,10 +106,14 @@ class StepwiseSelection:
         return rest
 
     def listed(self, chosen: Sequence[Finding]) -> list[Finding]:
-        """Return all other sensors by their scores with the chosen ones, each tested."""
+        """Return all other sensors by their scores with the chosen ones, each tested.
+
+        Those that a test rejects come last: a copy costs less than a sensor that tells a little.
+        """
         taken = [(f.sensor, f.channels) for f in chosen]
         given = self._given(taken)
-        return [self._finding(p, self._test(p.channels, given)) for p in self._proposals(taken)]
+        found = [self._finding(p, self._test(p.channels, given)) for p in self._proposals(taken)]
+        return sorted(found, key=lambda f: f.evidence.pvalue >= 1)
 
     def _units(self, sensor: int) -> list[Sensor]:
         channels = self._sensors[sensor]
