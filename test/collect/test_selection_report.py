@@ -7,14 +7,16 @@ from cmifs_ros.core.selection import Selection
 
 PLAIN = Selection((1,), ('b',), ('b', 'a'), (0.5, 0.4), 25, 60, 1.25, (0.0, 1.0), (1.0, 1.0))
 CONFIRMED = dataclasses.replace(PLAIN, statuses=('confirmed', 'rejected'), pvalues=(0.01, 0.8))
-TENTATIVE = dataclasses.replace(PLAIN, statuses=('tentative', 'rejected'), pvalues=(0.2, 0.8))
+TENTATIVE = dataclasses.replace(
+    PLAIN, indices=(), names=(), statuses=('tentative', 'rejected'), pvalues=(0.2, 1.0)
+)
 
 
 def test_the_headline_says_what_is_sure_and_what_is_not():
     assert headline(PLAIN) == 'selected b'
     assert headline(CONFIRMED) == 'selected b'
-    assert headline(TENTATIVE) == '25 episodes, best so far b, p = 0.2'
-    nothing = dataclasses.replace(CONFIRMED, indices=(), names=())
+    assert headline(TENTATIVE) == ('nothing confirmed yet; 25 episodes, best so far b, p = 0.2')
+    nothing = dataclasses.replace(TENTATIVE, statuses=('rejected',) * 2, pvalues=(1.0, 1.0))
     assert headline(nothing) == 'no sensor tells anything about the return'
     assert [is_tentative(s) for s in (PLAIN, CONFIRMED, TENTATIVE, nothing)] == [
         False, False, True, False,

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from oracles import direct_lsmi
 
-from cmifs_ros.core import ConditionalMISelector, Episode
-from cmifs_ros.core.samples import StepSamples
+from cmifs_ros.core import ConditionalMI, Episode, Lsmi
+from cmifs_ros.core.samples import StepSamples, step_samples
+from cmifs_ros.core.search import forward_selection
 from cmifs_ros.sim import rollout, rollout_chain
 from studies.paper.direct_port import (
     REGULARIZATIONS,
@@ -137,6 +138,16 @@ DATA = {
     'each step with all': (episodes_of(RAGGED, discrete(4), product), {'tuning_window': 9}),
     'other folds': (episodes_of([3] * 20, normal(3), product), {'random_state': 8}),
 }  # fmt: skip
+#: What `rank_directly` does unless told otherwise.
+USUAL = {
+    'gamma': 0.95,
+    'standardize': True,
+    'max_time_bins': 32,
+    'tuning_window': 2,
+    'num_centers': 200,
+    'num_features': None,
+    'random_state': 0,
+}
 #: The sensors of the data with groups, in the order of their first channels.
 SENSORS = {'groups': [(0,), (1, 4), (2, 3)]}
 
@@ -145,13 +156,20 @@ SENSORS = {'groups': [(0,), (1, 4), (2, 3)]}
 @pytest.mark.parametrize('name', DATA)
 def test_engine_and_port_give_the_same_ranking_and_scores(name, criterion):
     episodes, options = DATA[name]
-    selector = ConditionalMISelector(criterion=criterion, **options).fit(episodes)
     options = {key: value for key, value in options.items() if key != 'groups'}
-    ranking, scores = rank_directly(
-        episodes, criterion=criterion, sensors=SENSORS.get(name), **options
+    expected = rank_directly(episodes, criterion=criterion, sensors=SENSORS.get(name), **options)
+    options = USUAL | options
+    estimator = Lsmi(criterion, num_centers=options.pop('num_centers'))
+    count, window = options.pop('num_features'), options.pop('tuning_window')
+    steps = step_samples(
+        episodes, num_folds=estimator.num_folds, num_centers=estimator.num_centers, **options
     )
-    np.testing.assert_allclose(selector.scores_, scores, rtol=0, atol=1e-8)
-    assert selector.ranking_.tolist() == ranking
+    sensors = SENSORS.get(name) or [(i,) for i in range(episodes[0].num_channels)]
+    ranking, scores = forward_selection(
+        ConditionalMI(steps, estimator, tuning_window=window), sensors, count or len(sensors)
+    )
+    np.testing.assert_allclose(scores, expected[1], rtol=0, atol=1e-8)
+    assert ranking == expected[0]
 
 
 @pytest.mark.parametrize('seed', range(3))
