@@ -431,7 +431,7 @@ def test_signals_end_the_node_and_its_workers_cleanly(selector, robot, number, m
         robot.wait_for_episodes(40)
         robot.select_client.call_async(robot.select_client.srv_type.Request())
         # The tracker, the worker, and those that it shares the work with.
-        robot.until(lambda: len(selector.children()) >= (2 if cores == 1 else 4))
+        robot.until(lambda: len(selector.children()) >= 2)
         if moment == 'selecting':
             status = 'selector: selection'
             robot.until(lambda: robot.diagnostics[status][2]['worker'] == 'computing')
