@@ -259,6 +259,7 @@ def test_velocities_are_taken_and_passed_on_by_name(start, robot):
 def test_states_of_velocities_alone_name_the_remedy(selector, robot):
     robot.state_publisher.publish(JointState(name=['wheel'], velocity=[2.0]))
     robot.until(lambda: 'set fields to velocity' in selector.output)
+    assert not robot.selected
 
 
 def test_every_fifth_state_having_a_reward_is_no_reason_to_warn(selector, robot):

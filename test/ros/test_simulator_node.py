@@ -151,3 +151,4 @@ def test_a_wrong_action_is_said_to_be_one(start, robot):
     robot.until(publisher.get_subscription_count)
     publisher.publish(Int32(data=-1))
     robot.until(lambda: 'action is -1; expected 0 (up), 1 (down), 2 (left), 3' in node.output)
+    assert 'Traceback' not in node.output
