@@ -79,8 +79,11 @@ class SelectorInput:
             )
             for topic, callback in (('state', self._take_state), ('reward', self._take_reward))
         }
-        names = [s.topic_name for s in self._subscriptions.values()]
-        node.get_logger().info(f'waiting for {" and ".join(names)}')
+
+    @property
+    def topics(self) -> list[str]:
+        """Names of the topics, as they are after remapping."""
+        return [subscription.topic_name for subscription in self._subscriptions.values()]
 
     @property
     def problem(self) -> str:

@@ -120,6 +120,7 @@ class SelectorNode(Node):
         self._set_selection_period(self._settings['selection_period'])
         if self._settings['episodes_path']:
             self._restore(os.path.abspath(self._settings['episodes_path']))
+        self.get_logger().info(f'waiting for {" and ".join(self._input.topics)}')
 
     def destroy_node(self) -> None:
         """End the worker process and the last save, answer who waits, then end the node."""
