@@ -49,14 +49,14 @@ def draw_ranking(selection: Selection):
     labels = [label_of(name) for name in selection.ranking[:MAX_SHOWN]]
     axes.set_xticks(places, labels, rotation=45, ha='right', rotation_mode='anchor')
     axes.set_xlabel('sensor added')
-    axes.set_ylabel('score of all so far')
+    axes.set_ylabel('score of the sensors so far')
     axes.legend()
     return figure
 
 
 def ranking_text(selection: Selection) -> str:
     """Return the ranking as a table, with the evidence where there is any."""
-    rows = [['rank', 'sensor', 'score', 'share']]
+    rows = [['rank', 'sensor', 'score']]
     rows[0] += ['tells nothing'] if selection.null_scores else []
     rows[0] += ['p'] if selection.pvalues else []
     rows[0] += ['status'] if selection.statuses else []
@@ -65,9 +65,8 @@ def ranking_text(selection: Selection) -> str:
         for name, spoke in zip(selection.ranking, selection.spoke_by, strict=False)
     ]
     rows[0] += ['by its channels'] if any(spoke_by) else []
-    best = max([*selection.scores, 0.0])
     for i, (name, score) in enumerate(zip(selection.ranking, selection.scores, strict=True)):
-        row = [str(i + 1), name, f'{score:.3f}', f'{max(0.0, score / best) if best else 0:.0%}']
+        row = [str(i + 1), name, f'{score:.3f}']
         if selection.null_scores:
             low, _, high = selection.null_scores[i]
             row.append(f'{low:.3f} to {high:.3f}')
