@@ -111,9 +111,8 @@ def _input_lines(values: Mapping[str, str]):
 def _selection_lines(values: Mapping[str, str]):
     if 'names' in values:
         yield _plain(f'in use: {values["names"]}')
-        cause = f', {values["cause"]}' if 'cause' in values else ''
         yield _plain(
-            f'made {_age(values.get("age in s", "?"))} ago{cause}, from '
+            f'made {_age(values.get("age in s", "?"))} ago ({values.get("cause", "?")}), from '
             f'{values.get("episodes used", "?")} episodes in {values.get("seconds taken", "?")} s'
         )
     worker = f'worker {values.get("worker", "?")}'
