@@ -22,7 +22,7 @@ def figure_of(width: float, height: float):
 def label_of(name: str) -> str:
     """Return a name as a picture can show it: short, no mathematics, no control characters."""
     text = ''.join(c if c.isprintable() else '?' for c in name)
-    return (text if len(text) <= 24 else f'{text[:22]}..').replace('$', r'\$')
+    return (text if len(text) <= 24 else f'{text[:10]}..{text[-12:]}').replace('$', r'\$')
 
 
 def draw_ranking(selection: Selection):

@@ -16,7 +16,8 @@ LEVELS = (('ok', 'green'), ('warn', 'yellow'), ('error', 'bold red'), ('stale', 
 _STATUS_STYLES = {'confirmed': 'green', 'tentative': 'yellow', 'rejected': 'dim'}
 #: Seconds without diagnostics, which come once a second, after which the selector seems gone.
 GONE_AFTER = 5.0
-_BAR_WIDTH = 24
+_BAR_WIDTH = 16
+_NAME_WIDTH = 24
 
 
 class Status(NamedTuple):
@@ -86,6 +87,14 @@ def view(snapshot: Snapshot, max_sensors: int = 20) -> Group:
 def _plain(text: str) -> Text:
     """Return text from outside, which must neither style nor steer the terminal."""
     return Text(''.join(c if c.isprintable() else '?' for c in text))
+
+
+def _short(name: str) -> str:
+    """Return the two ends of a long name: lidar rays differ in the last."""
+    if len(name) <= _NAME_WIDTH:
+        return name
+    half = _NAME_WIDTH // 2
+    return f'{name[: half - 1]}…{name[-half:]}'
 
 
 def _nothing_heard(elsewhere: Sequence[str]):
@@ -164,20 +173,20 @@ def _ranking(snapshot: Snapshot, max_sensors: int):
     best = max([*scores, 0.0])
     table = Table(box=None, pad_edge=False, header_style='bold')
     table.add_column('', justify='right')
-    table.add_column('sensor', max_width=24, no_wrap=True, overflow='ellipsis')
-    table.add_column('score with it', justify='right')
+    table.add_column('sensor', no_wrap=True)
+    table.add_column('score', justify='right', no_wrap=True)
     table.add_column('', width=_BAR_WIDTH)
     if pvalues:
-        table.add_column('p', justify='right')
+        table.add_column('p', justify='right', no_wrap=True)
     if statuses:
-        table.add_column('status')
+        table.add_column('status', no_wrap=True)
     rows = zip(snapshot.ranking, scores, strict=False)
     for rank, (name, score) in enumerate(list(rows)[:max_sensors], start=1):
         share = max(0.0, score / best) if best > 0 else 0.0
         status = statuses.get(name, '')
         table.add_row(
             str(rank),
-            _plain(name),
+            _plain(_short(name)),
             f'{score:.3f}',
             Text('█' * round(_BAR_WIDTH * share), 'cyan'),
             *([_plain(pvalues.get(name, ''))] if pvalues else []),
