@@ -62,7 +62,7 @@ class Snapshot:
         return selection is not None and ('names' not in selection.values or bool(self.ranking))
 
 
-def view(snapshot: Snapshot, max_sensors: int = 20) -> Group:
+def view(snapshot: Snapshot, max_sensors: int = 40) -> Group:
     """Return the whole view, readable at 80 columns; of a long ranking the first sensors."""
     if not snapshot.selector:
         return Group(Rule('watch', align='left'), *_nothing_heard(snapshot.elsewhere))

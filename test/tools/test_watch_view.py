@@ -42,7 +42,8 @@ def snapshot(level=0, message='selected x, y', values=SELECTION, **other):
 def test_the_view_shows_input_selection_evidence_and_cost_within_80_columns():
     text = text_of(snapshot())
     assert max(map(len, text.splitlines())) <= 80
-    for shown in ('/robot1/selector', '120 episodes', 'messages dropped: late: 3', 'made 1 min ago (timer), from',
+    for shown in ('/robot1/selector', '120 episodes', 'messages dropped: late: 3',
+                  'made 1 min ago (timer), from',
                   '100 episodes in 1.25 s', 'computing for 2.5 s, 40% done'):  # fmt: skip
         assert shown in ' '.join(text.split()), shown
     rows = {
