@@ -46,11 +46,11 @@ NUM_SHOWN = 3
 _LINE_WIDTH = 68
 READING = """\
 score          what the return shares with the sensors down to this one
-tells nothing  that score, 5 % to 95 %, if this sensor told nothing
-p              how likely a sensor that tells nothing would do as well
-status         confirmed, tentative (may be shown by more episodes), rejected"""
+tells nothing  that score (5 % to 95 %) if this sensor told nothing
+p              how likely so much by chance; a test of its own, sharper than the score
+status         confirmed, tentative (more episodes may show it) or rejected"""
 NEXT = """\
-your own robot next, from what it publishes already (docs/own_robot.md):
+your own robot next, from what it publishes already (README.md, docs/robot_file.md):
   ros2 bag record -a --include-hidden-topics -o my_bag
   ros2 run cmifs_ros make_robot_file --bag my_bag --out my_robot.yaml
   (say in my_robot.yaml what pays)
@@ -292,7 +292,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument(
         '--num-features', type=int, default=0, help='sensors to select (default: what is confirmed)'
     )
-    parser.add_argument('--rate', type=float, default=250.0, help='steps per second')
+    parser.add_argument('--rate', type=float, default=400.0, help='steps per second')
     parser.add_argument('--seed', type=int, default=0, help='seed of the simulator')
     parser.add_argument('--out', type=Path, help='file of the picture (default demo_SCENARIO.png)')
     options = parser.parse_args(arguments)

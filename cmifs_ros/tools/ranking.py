@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from cmifs_ros.core.selection import Selection
@@ -54,6 +56,11 @@ def draw_ranking(selection: Selection):
     return figure
 
 
+def _listed(names: Sequence[str]) -> str:
+    more = f' and {len(names) - 2} more' if len(names) > 2 else ''
+    return ', '.join(names[:2]) + more
+
+
 def ranking_text(selection: Selection) -> str:
     """Return the ranking as a table, with the evidence where there is any."""
     rows = [['rank', 'sensor', 'score']]
@@ -61,7 +68,7 @@ def ranking_text(selection: Selection) -> str:
     rows[0] += ['p'] if selection.pvalues else []
     rows[0] += ['status'] if selection.statuses else []
     spoke_by = [
-        '' if spoke == (name,) else ', '.join(spoke)
+        '' if spoke == (name,) else _listed(spoke)
         for name, spoke in zip(selection.ranking, selection.spoke_by, strict=False)
     ]
     rows[0] += ['by its channels'] if any(spoke_by) else []

@@ -11,7 +11,7 @@ FULL = replace(
     statuses=('confirmed', 'tentative', 'rejected'),
     pvalues=(0.0012, 0.2, 1.0),
     null_scores=((-0.01, 0.0, 0.02), (0.24, 0.25, 0.27), (0.35, 0.36, 0.37)),
-    spoke_by=(('x',), ('scan[6]', 'scan[7]'), ('still',)),
+    spoke_by=(('x',), ('scan[6]', 'scan[7]', 'scan[8]', 'scan[9]'), ('still',)),
 )
 
 
@@ -24,7 +24,21 @@ def test_the_table_has_the_evidence_where_there_is_some():
     ]
     assert [line.split() for line in ranking_text(FULL).splitlines()[1:]] == [
         ['1', 'x', '0.250', '-0.010', 'to', '0.020', '0.0012', 'confirmed'],
-        ['2', 'scan', '0.500', '0.240', 'to', '0.270', '0.2', 'tentative', 'scan[6],', 'scan[7]'],
+        [
+            '2',
+            'scan',
+            '0.500',
+            '0.240',
+            'to',
+            '0.270',
+            '0.2',
+            'tentative',
+            'scan[6],',
+            'scan[7]',
+            'and',
+            '2',
+            'more',
+        ],
         ['3', 'still', '-0.100', '0.350', 'to', '0.370', '1', 'rejected'],
     ]
 
