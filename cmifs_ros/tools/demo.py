@@ -45,7 +45,7 @@ SHOW_RATE = 10.0
 NUM_SHOWN = 3
 _LINE_WIDTH = 68
 READING = """\
-score          what the return shares with the sensors down to this one
+score          what the return shares with this sensor and those taken before it
 tells nothing  that score (5 % to 95 %) if this sensor told nothing
 p              how likely so much by chance; a test of its own, sharper than the score
 status         confirmed, tentative (more episodes may show it) or rejected"""

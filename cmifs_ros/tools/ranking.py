@@ -51,7 +51,7 @@ def draw_ranking(selection: Selection):
     labels = [label_of(name) for name in selection.ranking[:MAX_SHOWN]]
     axes.set_xticks(places, labels, rotation=45, ha='right', rotation_mode='anchor')
     axes.set_xlabel('sensor added')
-    axes.set_ylabel('score of the sensors so far')
+    axes.set_ylabel('score with the sensor')
     axes.legend()
     return figure
 
