@@ -109,6 +109,7 @@ def test_installed_data_files_are_where_ros_looks_for_them():
         'share/cmifs_ros/package.xml',
         'share/cmifs_ros/config/cmifs_ros.yaml',
         'share/cmifs_ros/launch/cmifs_ros.launch.xml',
+        'share/cmifs_ros/launch/robot.launch.xml',
         'lib/cmifs_ros/demo',
         'lib/cmifs_ros/downstream',
         'lib/cmifs_ros/make_robot_file',
@@ -116,6 +117,7 @@ def test_installed_data_files_are_where_ros_looks_for_them():
         'lib/cmifs_ros/select_from_bag',
         'lib/cmifs_ros/selector_node',
         'lib/cmifs_ros/simulator_node',
+        'lib/cmifs_ros/watch',
     ):
         assert (prefix / path).is_file(), path
 
