@@ -41,6 +41,12 @@ RELEVANT = {
 }
 #: Steps per second after the episodes are collected: slow enough to read.
 SHOW_RATE = 10.0
+#: The simulator stops after the episodes to select from, that these are the same ones each time,
+#: and then goes on slowly without end.
+GO_ON = [
+    Parameter(name='rate', value=ParameterValue(type=3, double_value=SHOW_RATE)),
+    Parameter(name='num_episodes', value=ParameterValue(type=2, integer_value=0)),
+]
 #: Selected states to show, and how much of each: a terminal has 80 columns.
 NUM_SHOWN = 3
 _LINE_WIDTH = 68
@@ -156,25 +162,24 @@ class Client(Node):
                 shown = self._episodes
 
     def select_features(self) -> dict:
-        """Call the service and return its reply."""
-        reply = self._call(self._select, Trigger.Request())
+        """Call the service and return its reply; meanwhile the robot goes on."""
+        selecting = self._call(self._select, Trigger.Request())
+        going_on = self._call(self._set_parameters, SetParameters.Request(parameters=GO_ON))
+        for result in self._result(going_on).results:
+            if not result.successful:
+                raise DemoError(f'the simulator refused to go on: {result.reason}')
+        reply = self._result(selecting)
         result = json.loads(reply.message)
         if not reply.success:
             raise DemoError(f'select_features: {result["error"]}')
         return result
 
-    def slow_down(self) -> None:
-        """Set the simulator's rate, as `ros2 param set` would."""
-        value = ParameterValue(type=3, double_value=SHOW_RATE)
-        request = SetParameters.Request(parameters=[Parameter(name='rate', value=value)])
-        (result,) = self._call(self._set_parameters, request).results
-        if not result.successful:
-            raise DemoError(f'the simulator refused rate={SHOW_RATE}: {result.reason}')
-
     def _call(self, client, request):
         while not client.wait_for_service(timeout_sec=0.5):
             self._processes.check()
-        future = client.call_async(request)
+        return client.call_async(request)
+
+    def _result(self, future):
         while not future.done():
             rclpy.spin_until_future_complete(self, future, timeout_sec=0.5)
             self._processes.check()
@@ -249,13 +254,13 @@ def run(options: argparse.Namespace) -> None:
             *('-p', f'scenario:={options.scenario}'),
             *('-p', f'seed:={options.seed}'),
             *('-p', f'rate:={options.rate}'),
+            *('-p', f'num_episodes:={options.episodes}'),
         )
         client.wait_for_episodes(options.episodes)
-        client.slow_down()
-        before = len(processes.lines('downstream'))
+        known = processes.lines('downstream')
         print('calling /select_features; the state keeps flowing meanwhile ...', flush=True)
         result = client.select_features()
-        during = processes.lines('downstream')[before:]
+        meanwhile = len(processes.lines('downstream')) - len(known)
         selection = selection_of(result | {'means': [], 'spreads': []})
         print(
             f'answered after {selection.seconds:.1f} s of computing on {selection.episodes} '
@@ -263,8 +268,8 @@ def run(options: argparse.Namespace) -> None:
         )
         print_selection(selection, options.scenario)
         lines = _selected_lines(processes, len(selection.names) or count)
-    print(f'\nwhat the downstream node received, {len(during)} states of it during the selection:')
-    print(f'  before  {shorten((during or lines)[0], _LINE_WIDTH, placeholder=" ...")}')
+    print(f'\nwhat the downstream node received, {meanwhile} states of it during the selection:')
+    print(f'  before  {shorten(known[-1], _LINE_WIDTH, placeholder=" ...")}')
     for line in lines[-NUM_SHOWN:]:
         print(f'  after   {shorten(line, _LINE_WIDTH, placeholder=" ...")}')
     save_picture(selection, options.scenario, options.out)
