@@ -53,10 +53,10 @@ _LINE_WIDTH = 68
 READING = """\
 score          what the return shares with this sensor and those taken before it
 tells nothing  that score (5 % to 95 %) if this sensor told nothing
-p              how likely so much by chance; a test of its own, sharper than the score
+p              how likely so much by chance; a test sharper than the score
 status         confirmed, tentative (more episodes may show it) or rejected"""
 NEXT = """\
-your own robot next, from what it publishes already (README.md, docs/robot_file.md):
+your own robot next, from what it publishes already (docs/robot_file.md):
   ros2 bag record -a --include-hidden-topics -o my_bag
   ros2 run cmifs_ros make_robot_file --bag my_bag --out my_robot.yaml
   (say in my_robot.yaml what pays)
