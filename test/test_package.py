@@ -90,13 +90,20 @@ def test_executables_go_where_ros2_run_looks():
     assert parser['install']['install_scripts'] == '$base/lib/cmifs_ros'
 
 
-def test_the_launch_file_starts_executables_that_exist():
+@pytest.mark.parametrize(
+    ('name', 'argument', 'executables'),
+    [
+        ('cmifs_ros.launch.xml', 'scenario', {'selector_node', 'simulator_node'}),
+        ('robot.launch.xml', 'robot_file', {'selector_node', 'sampler_node'}),
+    ],
+)
+def test_the_launch_files_start_executables_that_exist(name, argument, executables):
     entry_points = re.findall(r"'(\w+) = cmifs_ros", (ROOT / 'setup.py').read_text())
-    launch = ElementTree.parse(ROOT / 'launch' / 'cmifs_ros.launch.xml').getroot()
-    assert {arg.get('name') for arg in launch.findall('arg')} == {
-        'namespace', 'params_file', 'scenario'
-    }  # fmt: skip
-    assert {node.get('exec') for node in launch.findall('node')} <= set(entry_points)
+    launch = ElementTree.parse(ROOT / 'launch' / name).getroot()
+    arguments = {arg.get('name') for arg in launch.findall('arg')}
+    assert arguments == {'namespace', 'params_file', argument}
+    assert {node.get('exec') for node in launch.findall('node')} == executables
+    assert executables <= set(entry_points)
 
 
 def test_installed_data_files_are_where_ros_looks_for_them():

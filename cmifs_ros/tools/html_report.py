@@ -25,7 +25,7 @@ td.name { max-width: 16rem; }
 img { max-width: 100%; } .note { color: #59636e; }
 """
 
-_READING_SCORES = 'The score is what is shared with the sensor and those taken before it.'
+_READING_SCORES = 'The score is the criterion of the sensor with those taken before it.'
 _READING = (
     'The score is what the return shares with the sensor and those taken before it; grey is what '
     'it would be if the sensor told nothing. p is how likely so much by chance, from a test of its '
