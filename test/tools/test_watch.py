@@ -80,6 +80,7 @@ def test_the_live_view_shows_a_selection_as_it_comes_and_ends_on_ctrl_c(robot, w
     terminal = watch(0, '--namespace', 'robot1')
     terminal.expect('/robot1/selector')
     terminal.expect('episodes')
+    terminal.expect(r'ago \(timer\), from \d+')
     terminal.expect('score')
     terminal.expect('2  ')
     begin = time.monotonic()
