@@ -18,6 +18,9 @@ _STATUS_STYLES = {'confirmed': 'green', 'tentative': 'yellow', 'rejected': 'dim'
 GONE_AFTER = 5.0
 _BAR_WIDTH = 16
 _NAME_WIDTH = 24
+#: What the sampler says of its steps, beside what it says of each topic.
+_STEPS = 'steps'
+_MAX_BAD_TOPICS = 4
 
 
 class Status(NamedTuple):
@@ -41,8 +44,10 @@ class Snapshot:
     ranking : sequence of str
     scores : sequence of float
         The criterion of the first 1, 2, ... sensors of the ranking.
-    silence : float
-        Seconds since the last diagnostics.
+    sampler : dict of str to Status
+        Of the sampler, if there is one: of its steps, and by topic.
+    silence, sampler_silence : float
+        Seconds since the last diagnostics of the selector, and of the sampler.
     elsewhere : sequence of str
         Namespaces in which other selectors were heard.
 
@@ -52,7 +57,9 @@ class Snapshot:
     statuses: dict[str, Status] = field(default_factory=dict)
     ranking: Sequence[str] = ()
     scores: Sequence[float] = ()
+    sampler: dict[str, Status] = field(default_factory=dict)
     silence: float = 0.0
+    sampler_silence: float = 0.0
     elsewhere: Sequence[str] = ()
 
     @property
@@ -74,13 +81,16 @@ def view(snapshot: Snapshot, max_sensors: int = 40) -> Group:
     facts = Table.grid(padding=(0, 2))
     facts.add_column(style='bold')
     facts.add_column(overflow='fold')
+    sampler = list(_sampler_lines(snapshot)) if snapshot.sampler else []
+    for i, line in enumerate(sampler):
+        facts.add_row('' if i else 'sampler', line)
     for what, status in snapshot.statuses.items():
         facts.add_row(what, _headline(status))
         for line in _DETAILS.get(what, lambda values: ())(status.values):
             facts.add_row('', line)
     parts.append(facts)
     if snapshot.ranking:
-        parts += [Text(), *_ranking(snapshot, max_sensors)]
+        parts += [Text(), *_ranking(snapshot, max(1, max_sensors - len(sampler)))]
     return Group(*parts)
 
 
@@ -106,6 +116,19 @@ def _nothing_heard(elsewhere: Sequence[str]):
 def _headline(status: Status) -> Text:
     word, style = LEVELS[min(status.level, len(LEVELS) - 1)]
     return Text.assemble((word, style), ' ', _plain(status.message))
+
+
+def _sampler_lines(snapshot: Snapshot):
+    if snapshot.sampler_silence > GONE_AFTER:
+        yield Text(f'nothing heard for {snapshot.sampler_silence:.0f} s', LEVELS[2][1])
+        return
+    if _STEPS in snapshot.sampler:
+        yield _headline(snapshot.sampler[_STEPS])
+    bad = [(w, s) for w, s in snapshot.sampler.items() if s.level > 0 and w != _STEPS]
+    for topic, status in bad[:_MAX_BAD_TOPICS]:
+        yield Text.assemble(_plain(topic), ' ', _headline(status))
+    if len(bad) > _MAX_BAD_TOPICS:
+        yield Text(f'and {len(bad) - _MAX_BAD_TOPICS} more topics')
 
 
 def _input_lines(values: Mapping[str, str]):

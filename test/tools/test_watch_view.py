@@ -77,6 +77,23 @@ def test_a_selector_in_another_namespace_is_pointed_at():
     assert 'watch --namespace /robot2' in text_of(Snapshot(elsewhere=['/robot2']))
 
 
+def test_the_sampler_is_shown_with_the_topics_that_are_not_well():
+    sampler = {
+        'steps': Status(1, 'of the last 100 steps lack: battery 100; they break episodes', {}),
+        '/odom': Status(0, 'received', {}),
+        '/battery': Status(3, 'nobody publishes it', {}),
+    }
+    text = text_of(snapshot(sampler=sampler))
+    assert re.search(r'^sampler +warn of the last 100 steps lack: battery 100', text, re.M)
+    assert '/battery stale nobody publishes it' in text
+    assert '/odom' not in text
+    assert 'sampler' not in text_of(snapshot())
+    assert re.search(
+        r'^sampler +nothing heard for 60 s',
+        text_of(snapshot(sampler=sampler, sampler_silence=60.0)), re.M,
+    )  # fmt: skip
+
+
 def test_long_names_are_shown_by_both_ends_and_push_no_column_away():
     names = [f'/front_lidar/scan/ranges/of_the_left_side[{i}]' for i in range(12)]
     values = SELECTION | {
