@@ -38,12 +38,12 @@ COLCON := python -c 'import sys; from colcon_core.command import main; sys.exit(
 
 help:
 	@echo 'make demo [SCENARIO=with_gravel]  see it at work: simulator, selector, downstream node'
+	@echo 'make build                        set up, and install into install/'
 	@echo 'make test                         lint, build, and run the whole test suite'
 	@echo 'make soak                         inject faults and load for half an hour; print a table'
 	@echo "make paper [PAPER='--trials 6']    recompute the paper's figures into reproduction/"
 	@echo "make benchmark [BENCHMARK='--trials 3']  time and rank sum: direct port, engine, KDR, peers"
 	@echo "make growth [GROWTH='steps']       time and memory over episodes, steps, channels: growth/"
-	@echo "make [REFRESH='--top 14']  what keeping the last selection's tuning would save"
 	@echo "make accuracy [ACCURACY='--trials 6']  rank sums on many tasks from few episodes"
 	@echo "make oracle [ORACLE='--trials 6']  the same for one who knows all but one of the channels"
 	@echo "make learning [LEARNING='--trials 4']  what a learner gains by the selection: learning/"
