@@ -39,6 +39,7 @@ COLCON := python -c 'import sys; from colcon_core.command import main; sys.exit(
 
 help:
 	@echo 'make demo [SCENARIO=with_gravel]  see it at work: simulator, selector, downstream node'
+	@echo 'make build                        set up, and install into install/'
 	@echo 'make test                         lint, build, and run the whole test suite'
 	@echo 'make soak                         inject faults and load for half an hour; print a table'
 	@echo "make paper [PAPER='--trials 6']    recompute the paper's figures into reproduction/"

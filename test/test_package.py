@@ -9,7 +9,10 @@ from xml.etree import ElementTree
 
 import pytest
 
+from cmifs_ros.collect.robot_file import parse_robot_file
+
 ROOT = Path(__file__).parents[1]
+PAGES = [ROOT / 'README.md', *(ROOT / 'docs').glob('*.md')]
 PACKAGE = ElementTree.parse(ROOT / 'package.xml').getroot()
 #: Of the imports that are not of the standard library, the rosdep key or package that brings them.
 KEYS = {
@@ -87,13 +90,20 @@ def test_executables_go_where_ros2_run_looks():
     assert parser['install']['install_scripts'] == '$base/lib/cmifs_ros'
 
 
-def test_the_launch_file_starts_executables_that_exist():
+@pytest.mark.parametrize(
+    ('name', 'argument', 'executables'),
+    [
+        ('cmifs_ros.launch.xml', 'scenario', {'selector_node', 'simulator_node'}),
+        ('robot.launch.xml', 'robot_file', {'selector_node', 'sampler_node'}),
+    ],
+)
+def test_the_launch_files_start_executables_that_exist(name, argument, executables):
     entry_points = re.findall(r"'(\w+) = cmifs_ros", (ROOT / 'setup.py').read_text())
-    launch = ElementTree.parse(ROOT / 'launch' / 'cmifs_ros.launch.xml').getroot()
-    assert {arg.get('name') for arg in launch.findall('arg')} == {
-        'namespace', 'params_file', 'scenario'
-    }  # fmt: skip
-    assert {node.get('exec') for node in launch.findall('node')} <= set(entry_points)
+    launch = ElementTree.parse(ROOT / 'launch' / name).getroot()
+    arguments = {arg.get('name') for arg in launch.findall('arg')}
+    assert arguments == {'namespace', 'params_file', argument}
+    assert {node.get('exec') for node in launch.findall('node')} == executables
+    assert executables <= set(entry_points)
 
 
 def test_installed_data_files_are_where_ros_looks_for_them():
@@ -106,6 +116,7 @@ def test_installed_data_files_are_where_ros_looks_for_them():
         'share/cmifs_ros/package.xml',
         'share/cmifs_ros/config/cmifs_ros.yaml',
         'share/cmifs_ros/launch/cmifs_ros.launch.xml',
+        'share/cmifs_ros/launch/robot.launch.xml',
         'lib/cmifs_ros/demo',
         'lib/cmifs_ros/downstream',
         'lib/cmifs_ros/make_robot_file',
@@ -113,27 +124,66 @@ def test_installed_data_files_are_where_ros_looks_for_them():
         'lib/cmifs_ros/select_from_bag',
         'lib/cmifs_ros/selector_node',
         'lib/cmifs_ros/simulator_node',
+        'lib/cmifs_ros/watch',
     ):
         assert (prefix / path).is_file(), path
 
 
-def test_the_readme_shows_the_downstream_node_as_it_is():
+def test_the_docs_show_the_downstream_node_as_it_is():
     code = (ROOT / 'cmifs_ros' / 'tools' / 'downstream.py').read_text()
-    assert code in (ROOT / 'README.md').read_text()
+    assert code in (ROOT / 'docs' / 'interface.md').read_text()
 
 
-def test_the_readme_names_every_parameter():
-    readme = (ROOT / 'README.md').read_text()
+def test_the_docs_name_every_parameter():
+    page = (ROOT / 'docs' / 'interface.md').read_text()
     config = (ROOT / 'config' / 'cmifs_ros.yaml').read_text()
     for name in re.findall(r'^    (\w+):', config, re.M):
-        assert f'`{name}`' in readme, name
+        assert f'`{name}`' in page, name
 
 
-def test_the_library_example_of_the_readme_runs():
-    (code,) = re.findall(
-        r'```python\n(from cmifs_ros.core.*?)```', (ROOT / 'README.md').read_text(), re.S
-    )
+def python_of(page):
+    return re.search(r'```python\n(.*?)```', (ROOT / page).read_text(), re.S)[1]
+
+
+def output_of(code):
     done = subprocess.run(
         [sys.executable, '-c', code], cwd=ROOT, capture_output=True, text=True, check=True
     )
-    assert re.fullmatch(r"\['\w+' '\w+' '\w+' '\w+'\]\n", done.stdout)
+    return done.stdout
+
+
+def test_the_first_example_of_the_library_page_runs():
+    names = output_of(python_of('docs/library.md'))
+    assert re.fullmatch(r"\['\w+' '\w+' '\w+' '\w+'\]\n", names)
+
+
+def test_the_example_of_the_readme_prints_what_the_readme_says():
+    pytest.importorskip('gymnasium', reason='Gymnasium is not here')
+    (said,) = re.findall(r"`(\['obs.*?\])`", (ROOT / 'README.md').read_text())
+    assert output_of(python_of('README.md')).startswith(said)
+
+
+def test_the_robot_file_of_the_readme_is_one():
+    (text,) = re.findall(r'```yaml\n(.*?)```', (ROOT / 'README.md').read_text(), re.S)
+    assert parse_robot_file(text).sources
+
+
+def test_every_command_of_the_pages_exists():
+    entry_points = set(re.findall(r"'(\w+) = cmifs_ros", (ROOT / 'setup.py').read_text()))
+    targets = set(re.findall(r'^(\w+):', (ROOT / 'Makefile').read_text(), re.M))
+    for page in PAGES:
+        text = page.read_text()
+        assert set(re.findall(r'ros2 run cmifs_ros ([a-z_]\w*)', text)) <= entry_points, page
+        assert set(re.findall(r'^ +make ([a-z]+)', text, re.M)) <= targets, page
+        for name in re.findall(r'ros2 launch cmifs_ros (\S+)', text):
+            assert (ROOT / 'launch' / name).is_file(), (page, name)
+        for module in re.findall(r'python3 -m ((?:studies|cmifs_ros)[.a-z_]*[a-z])', text):
+            path = ROOT / module.replace('.', '/')
+            assert path.with_suffix('.py').is_file() or path.is_dir(), (page, module)
+
+
+def test_every_link_of_the_pages_leads_somewhere():
+    for page in PAGES:
+        for target in re.findall(r'\]\(([^)#\s]+)', page.read_text()):
+            if '://' not in target:
+                assert (page.parent / target).exists(), (page, target)

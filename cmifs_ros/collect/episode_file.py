@@ -250,6 +250,8 @@ def read(path: str | os.PathLike, max_episodes: int, max_bytes: int) -> Saved:
             channel_names = names_of(header['channels'], MAX_CHANNELS)
             lengths = [count_of(length, 1) for length in list_of(header['lengths'])]
             selection = selection_of(header['selection'])
+            if selection is not None and not selection.names:
+                raise ValueError('a selection of nothing')
             selected_at = float(header['selected_at'])
         except (ValueError, TypeError, KeyError, RecursionError, OverflowError) as error:
             raise RefusedFileError(f'has a header that cannot be used: {error!r}') from None

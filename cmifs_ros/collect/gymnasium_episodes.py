@@ -123,11 +123,11 @@ def select_channels(env, names: Sequence[str]):
     except ImportError as error:
         raise ImportError('Gymnasium is not installed: python3 -m pip install gymnasium') from error
 
-    known = channel_names(env)
+    names, known = list(names), channel_names(env)
     unknown = [name for name in names if name not in known]
     if unknown or not names:
         raise ValueError(
-            f'names is {list(names)}; expected at least one of {", ".join(known)} and no other'
+            f'names is {names}; expected at least one of {", ".join(known)} and no other'
         )
     indices = [known.index(name) for name in names]
 

@@ -1,4 +1,4 @@
-"""A selection from what a file says of it, which may be anything."""
+"""A selection from what a file or a reply says of it, which may be anything."""
 
 from __future__ import annotations
 
@@ -43,11 +43,11 @@ def selection_of(fields: dict | None) -> Selection | None:
             raise ValueError(f'{count} {what} for {len(selection.ranking)} sensors')
     if len(selection.means) != len(selection.spreads):
         raise ValueError(f'{len(selection.means)} means for {len(selection.spreads)} spreads')
-    if not 0 < len(selection.names) == len(selection.indices) <= MAX_CHANNELS:
+    if not len(selection.names) == len(selection.indices) <= MAX_CHANNELS:
         raise ValueError(f'{len(selection.indices)} indices for {len(selection.names)} names')
     if len(selection.scores) != len(selection.ranking):
         raise ValueError(f'{len(selection.scores)} scores for {len(selection.ranking)} sensors')
-    if max(selection.indices) >= MAX_CHANNELS:
+    if max(selection.indices, default=0) >= MAX_CHANNELS:
         raise ValueError(f'index {max(selection.indices)}; expected less than {MAX_CHANNELS}')
     return selection
 

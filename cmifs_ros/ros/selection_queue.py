@@ -29,12 +29,15 @@ class Job:
         Changes with the data and the settings.
     generation : int
         Changes when the data are thrown away.
+    cause : str
+        Who asked for it first.
     arguments : tuple
 
     """
 
     revision: int
     generation: int
+    cause: str
     arguments: tuple
 
 
@@ -51,6 +54,8 @@ class Outcome:
         Nothing failed; there was no reason to start.
     generation : int
         That of its job.
+    cause : str
+        That of its job.
 
     """
 
@@ -58,6 +63,7 @@ class Outcome:
     error: str = ''
     is_refusal: bool = False
     generation: int = 0
+    cause: str = ''
 
 
 class RefusedError(Exception):
@@ -73,7 +79,8 @@ class SelectionQueue:
     Parameters
     ----------
     make_job : callable
-        Returns the job that the newest data and settings call for; may raise `RefusedError`.
+        Returns the job that the newest data and settings call for, and given its cause; may raise
+        `RefusedError`.
     current_revision : callable
         Returns the revision that `make_job` would put on a job now.
     on_outcome : callable
@@ -85,7 +92,7 @@ class SelectionQueue:
 
     def __init__(
         self,
-        make_job: Callable[[], Job],
+        make_job: Callable[[str], Job],
         current_revision: Callable[[], int],
         on_outcome: Callable[[Outcome], Outcome],
         timeout: float,
@@ -99,6 +106,7 @@ class SelectionQueue:
         self._started_at = 0.0
         self._joined: list[Callable[[Outcome], None]] = []
         self._waiting: list[Callable[[Outcome], None]] = []
+        self._cause = ''  # of the next job
 
     @property
     def busy(self) -> bool:
@@ -120,7 +128,7 @@ class SelectionQueue:
         """Process id of the worker, or None when none runs."""
         return self._worker.pid
 
-    def request(self, answer: Callable[[Outcome], None]) -> None:
+    def request(self, cause: str, answer: Callable[[Outcome], None]) -> None:
         """Ask for a selection; `answer` is called with its outcome."""
         if len(self._joined) + len(self._waiting) >= MAX_WAITING:
             reason = f'{MAX_WAITING} calls wait for a selection already'
@@ -128,6 +136,7 @@ class SelectionQueue:
         elif self.busy and self._running.revision == self._current_revision():
             self._joined.append(answer)
         else:
+            self._cause = self._cause if self._waiting else cause
             self._waiting.append(answer)
             self._start_next()
 
@@ -137,7 +146,8 @@ class SelectionQueue:
         if finished is not None:
             error, generation = finished.exception(), self._running.generation
             if error is None:
-                outcome = Outcome(finished.result(), generation=generation)
+                cause = self._running.cause
+                outcome = Outcome(finished.result(), generation=generation, cause=cause)
             elif isinstance(error, BrokenProcessPool):
                 reason = 'the worker process died during the selection'
                 outcome = Outcome(error=reason, generation=generation)
@@ -173,7 +183,7 @@ class SelectionQueue:
             return
         waiting, self._waiting = self._waiting, []
         try:
-            job = self._make_job()
+            job = self._make_job(self._cause)
         except RefusedError as error:
             self._answer(waiting, Outcome(error=str(error), is_refusal=True))
             return

@@ -81,6 +81,8 @@ class SelectorNode(Node):
         self._generation = 0  # counts how often the episodes were thrown away
         self._selection: Selection | None = None
         self._selected_at = -math.inf
+        self._cause = ''  # of the selection
+        self._so_far = ''  # what was found without anything being confirmed
         self._filter: StateFilter | None = None
         self._drift: Drift | None = None
         self._selected_state = JointState()
@@ -199,7 +201,7 @@ class SelectorNode(Node):
         self._input.assembler.clear()
         self._revision += 1
         self._generation += 1
-        self._last_error = ''
+        self._last_error = self._so_far = ''
         self._drift = None
         self._save()
 
@@ -213,7 +215,7 @@ class SelectorNode(Node):
             response.message = json.dumps(self._reply(outcome))
             answer.set_result(response)
 
-        self._queue.request(on_outcome)
+        self._queue.request('service call', on_outcome)
         return answer
 
     def _on_cancel(self, request, response):
@@ -229,7 +231,7 @@ class SelectorNode(Node):
         reply = reply_of(outcome.selection)
         return reply | {'error': outcome.error} if outcome.error else reply
 
-    def _make_job(self) -> Job:
+    def _make_job(self, cause: str) -> Job:
         self._attempted_revision = self._revision
         values, names = self._settings, self._channel_names
         if len(self._buffer) < values['min_episodes']:
@@ -245,12 +247,12 @@ class SelectorNode(Node):
         settings = selector_settings(values, names)
         episodes = self._buffer.snapshot()
         arguments = (episodes, names, values['method'], settings)
-        return Job(self._revision, self._generation, arguments)
+        return Job(self._revision, self._generation, cause, arguments)
 
     def _select_periodically(self) -> None:
         enough = len(self._buffer) >= self._settings['min_episodes']
         if enough and not self._queue.busy and self._revision != self._attempted_revision:
-            self._queue.request(lambda outcome: None)
+            self._queue.request('timer', lambda outcome: None)
 
     def _on_outcome(self, outcome: Outcome) -> Outcome:
         selection = outcome.selection
@@ -265,6 +267,7 @@ class SelectorNode(Node):
             self.get_logger().warning(f'no selection: {outcome.error}')
             return outcome
         if is_tentative(selection):
+            self._so_far = headline(selection)
             self.get_logger().info(f'{headline(selection)}: {evidence(selection)}')
             return outcome
         if not selection.indices:
@@ -273,12 +276,12 @@ class SelectorNode(Node):
             return dataclasses.replace(outcome, error=NOTHING_SELECTED)
         if is_news(selection, self._selection):
             self.get_logger().info(f'{headline(selection)}: {evidence(selection)}')
-        self._use(selection, time.monotonic())
+        self._use(selection, time.monotonic(), outcome.cause)
         self._save()
         return outcome
 
-    def _use(self, selection: Selection, selected_at: float) -> None:
-        self._selection, self._selected_at = selection, selected_at
+    def _use(self, selection: Selection, selected_at: float, cause: str) -> None:
+        self._selection, self._selected_at, self._cause = selection, selected_at, cause
         self._filter = StateFilter(selection.names)
         self._drift = Drift(selection, self._settings['min_episodes'])
         self._indices_publisher.publish(conversions.indices_to_msg(selection.indices))
@@ -312,7 +315,7 @@ class SelectorNode(Node):
         self._revision += 1
         if saved.selection is not None:
             age = max(0.0, time.time() - saved.selected_at)
-            self._use(saved.selection, time.monotonic() - age)
+            self._use(saved.selection, time.monotonic() - age, 'read from the file')
         names = saved.selection.names if saved.selection is not None else ['nothing']
         self.get_logger().info(
             f'{path}: {len(saved.episodes)} episodes are back, and the selection of {listed(names)}'
@@ -411,6 +414,8 @@ class SelectorNode(Node):
             state_filter=self._filter,
             changed=[names[channel] for channel in changed],
             age=time.monotonic() - self._selected_at,
+            cause=self._cause,
+            so_far=self._so_far,
             error=self._last_error,
             episodes=len(self._buffer),
             settings=self._settings,

@@ -17,6 +17,9 @@ from cmifs_ros.core.selection import Selection
 from . import diagnostics
 from .selection_queue import SelectionQueue
 
+#: Of so many sensors, the first of the ranking, the evidence is shown.
+MAX_SENSORS = 40
+
 
 def selection(
     name: str,
@@ -26,6 +29,8 @@ def selection(
     state_filter: StateFilter | None,
     changed: Sequence[str],
     age: float,
+    cause: str,
+    so_far: str,
     error: str,
     episodes: int,
     settings: dict,
@@ -44,6 +49,10 @@ def selection(
         What no longer looks as it did when it was made.
     age : float
         In seconds.
+    cause : str
+        Why it was made.
+    so_far : str
+        What the last attempt found if it confirmed nothing, or empty.
     error : str
         Why the last attempt failed, or empty.
     episodes : int
@@ -64,6 +73,7 @@ def selection(
             'names': listed(found.names),
             'indices': listed([str(index) for index in found.indices]),
             'age in s': f'{age:.0f}',
+            'cause': cause,
             'episodes used': found.episodes,
             'seconds taken': f'{found.seconds:.2f}',
             'states without a selected channel': state_filter.num_lacking,
@@ -73,12 +83,14 @@ def selection(
                 f'{sensor} {value if isinstance(value, str) else format(value, ".2g")}'
                 for sensor, value in zip(found.ranking, getattr(found, field), strict=False)
             ]
-            values |= {field: listed(shown)} if shown else {}
+            values |= {field: ', '.join(shown[:MAX_SENSORS])} if shown else {}
     if error:
         level, message = diagnostics.ERROR, error
     elif found is None:
         level = diagnostics.OK
-        message = f'no selection yet; {episodes} episodes of at least {settings["min_episodes"]}'
+        message = so_far or (
+            f'no selection yet; {episodes} episodes of at least {settings["min_episodes"]}'
+        )
     elif state_filter.is_lacking:
         level, message = diagnostics.WARN, 'the newest state lacks a selected channel'
     elif changed:

@@ -1,7 +1,7 @@
 """The whole thing at work: simulator, selector and a downstream node as processes of their own.
 
-Collects episodes, calls `select_features` as any client would, and shows the ranking, what
-the downstream process received, and a picture of the score path.
+Collects episodes, calls `select_features` as any client would, and shows the ranking with its
+evidence, what the downstream node received, and a picture.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import sys
 import tempfile
 import time
 from pathlib import Path
+from textwrap import shorten
 
 import rclpy
 from ament_index_python.packages import PackageNotFoundError, get_package_prefix
@@ -26,18 +27,41 @@ from rclpy.signals import SignalHandlerOptions
 from std_srvs.srv import Trigger
 from tqdm import tqdm
 
+from cmifs_ros.collect.selection_fields import selection_of
+from cmifs_ros.collect.selection_report import headline
+from cmifs_ros.core.selection import Selection
 from cmifs_ros.sim import SCENARIOS, channel_names
+
+from .ranking import draw_ranking, ranking_text
 
 #: What matters in each world, known because the world is ours; only used to comment the result.
 RELEVANT = {
     'without_gravel': ('x', 'y'),
     'with_gravel': ('x', 'y', 'battery', 'gravel'),
 }
-NUM_FEATURES = {'without_gravel': 3, 'with_gravel': 4}
 #: Steps per second after the episodes are collected: slow enough to read.
 SHOW_RATE = 10.0
-#: Selected states to show.
+#: The simulator stops after the episodes to select from, that these are the same ones each time,
+#: and then goes on slowly without end.
+GO_ON = [
+    Parameter(name='rate', value=ParameterValue(type=3, double_value=SHOW_RATE)),
+    Parameter(name='num_episodes', value=ParameterValue(type=2, integer_value=0)),
+]
+#: Selected states to show, and how much of each: a terminal has 80 columns.
 NUM_SHOWN = 3
+_LINE_WIDTH = 68
+READING = """\
+score          what the return shares with this sensor and those taken before it
+tells nothing  that score (5 % to 95 %) if this sensor told nothing
+p              how likely so much by chance; a test sharper than the score
+status         confirmed, tentative (more episodes may show it) or rejected"""
+NEXT = """\
+your own robot next, from what it publishes already (docs/robot_file.md):
+  ros2 bag record -a --include-hidden-topics -o my_bag
+  ros2 run cmifs_ros make_robot_file --bag my_bag --out my_robot.yaml
+  (say in my_robot.yaml what pays)
+  ros2 run cmifs_ros select_from_bag my_bag --robot my_robot.yaml --report page
+  ros2 launch cmifs_ros robot.launch.xml robot_file:=my_robot.yaml"""
 
 
 class DemoError(RuntimeError):
@@ -138,25 +162,24 @@ class Client(Node):
                 shown = self._episodes
 
     def select_features(self) -> dict:
-        """Call the service and return its reply."""
-        reply = self._call(self._select, Trigger.Request())
+        """Call the service and return its reply; meanwhile the robot goes on."""
+        selecting = self._call(self._select, Trigger.Request())
+        going_on = self._call(self._set_parameters, SetParameters.Request(parameters=GO_ON))
+        for result in self._result(going_on).results:
+            if not result.successful:
+                raise DemoError(f'the simulator refused to go on: {result.reason}')
+        reply = self._result(selecting)
         result = json.loads(reply.message)
         if not reply.success:
             raise DemoError(f'select_features: {result["error"]}')
         return result
 
-    def slow_down(self) -> None:
-        """Set the simulator's rate, as `ros2 param set` would."""
-        value = ParameterValue(type=3, double_value=SHOW_RATE)
-        request = SetParameters.Request(parameters=[Parameter(name='rate', value=value)])
-        (result,) = self._call(self._set_parameters, request).results
-        if not result.successful:
-            raise DemoError(f'the simulator refused rate={SHOW_RATE}: {result.reason}')
-
     def _call(self, client, request):
         while not client.wait_for_service(timeout_sec=0.5):
             self._processes.check()
-        future = client.call_async(request)
+        return client.call_async(request)
+
+    def _result(self, future):
         while not future.done():
             rclpy.spin_until_future_complete(self, future, timeout_sec=0.5)
             self._processes.check()
@@ -175,51 +198,35 @@ def executable(name: str) -> str:
     return str(path)
 
 
-def print_ranking(result: dict, scenario: str) -> None:
-    """Print the ranked sensors with the score that each of them reached."""
-    names = channel_names(scenario)
-    best = max(result['scores'])
-    print('\n rank  sensor      index   score  share of the best score')
-    for rank, (name, score) in enumerate(
-        zip(result['ranking'], result['scores'], strict=True), start=1
-    ):
-        share = max(0.0, score / best)
-        bar = '#' * round(30 * share)
-        print(f'  {rank:2d}   {name:10s}  {names.index(name):5d}  {score:6.3f}  {share:5.0%} {bar}')
-    left = len(names) - len(result['ranking'])
-    if left:
-        print(f'  the {left} other sensors were not ranked')
-    found = [name for name in RELEVANT[scenario] if name in result['names']]
+def print_selection(selection: Selection, scenario: str) -> None:
+    """Print the ranking with its evidence, and what to think of it."""
+    print(f'\n{ranking_text(selection)}\n')
+    print(READING)
+    relevant = RELEVANT[scenario]
+    found = [name for name in relevant if name in selection.names]
+    count = len(channel_names(scenario))
+    print(f'\n{headline(selection)}: {len(selection.names)} of {count} sensors')
     print(
-        f'\nselected {len(result["names"])} of {len(names)} sensors. '
-        f'This world is ours, so we know what matters in it: {", ".join(RELEVANT[scenario])}. '
-        f'{len(found)} of these {len(RELEVANT[scenario])} were selected.'
+        f'{len(found)} of the {len(relevant)} that matter in this world ({", ".join(relevant)}), '
+        f'{len(selection.names) - len(found)} of the {count - len(relevant)} that do not'
     )
 
 
-def plot_scores(result: dict, scenario: str, path: Path) -> None:
-    """Save the criterion after each addition as a picture."""
-    import matplotlib
-
-    matplotlib.use('Agg')
-    from matplotlib import pyplot as plt
-
-    figure, axes = plt.subplots(figsize=(6.4, 4), layout='constrained')
-    axes.plot(result['ranking'], result['scores'], 'o-', color='0.6', zorder=1)
-    is_relevant = [name in RELEVANT[scenario] for name in result['ranking']]
-    colors = ['tab:blue' if relevant else 'tab:gray' for relevant in is_relevant]
-    axes.scatter(result['ranking'], result['scores'], color=colors, s=60, zorder=2)
-    axes.set_ylim(bottom=0)
-    axes.set_xlabel('sensor added (blue: relevant in this world)')
-    axes.set_ylabel('conditional mutual information with the return')
-    axes.set_title(f'{scenario}: {result["episodes"]} episodes, {result["seconds"]:.1f} s')
+def save_picture(selection: Selection, scenario: str, path: Path) -> None:
+    """Save the ranking as a picture, with what matters in this world in bold."""
+    figure = draw_ranking(selection)
+    (axes,) = figure.axes
+    for label in axes.get_xticklabels():
+        if label.get_text() in RELEVANT[scenario]:
+            label.set_fontweight('bold')
+    axes.set_xlabel('sensor added (bold: matters in this world)')
+    axes.set_title(f'{scenario}: {selection.episodes} episodes, {selection.seconds:.1f} s')
     figure.savefig(path, dpi=150)
-    plt.close(figure)
 
 
 def run(options: argparse.Namespace) -> None:
     """Run the demo."""
-    begin = time.monotonic()
+    count = len(channel_names(options.scenario))
     with (
         tempfile.TemporaryDirectory(prefix='cmifs_demo_') as folder,
         Processes(Path(folder)) as processes,
@@ -235,8 +242,8 @@ def run(options: argparse.Namespace) -> None:
         )
         processes.start('downstream', sys.executable, '-m', 'cmifs_ros.tools.downstream')
         print(
-            f'simulator ({options.scenario}), selector and downstream node run as processes '
-            f'in ROS domain {os.environ["ROS_DOMAIN_ID"]}; collecting {options.episodes} episodes'
+            f'a simulated robot with {count} sensors ({options.scenario}), the selector and a\n'
+            f'downstream node run as three processes; collecting {options.episodes} episodes'
         )
         client = Client(processes)
         client.wait_for_downstream()
@@ -247,36 +254,39 @@ def run(options: argparse.Namespace) -> None:
             *('-p', f'scenario:={options.scenario}'),
             *('-p', f'seed:={options.seed}'),
             *('-p', f'rate:={options.rate}'),
+            *('-p', f'num_episodes:={options.episodes}'),
         )
         client.wait_for_episodes(options.episodes)
-        client.slow_down()
-        before = len(processes.lines('downstream'))
+        known = processes.lines('downstream')
         print('calling /select_features; the state keeps flowing meanwhile ...', flush=True)
         result = client.select_features()
+        meanwhile = len(processes.lines('downstream')) - len(known)
+        selection = selection_of(result | {'means': [], 'spreads': []})
         print(
-            f'answered after {result["seconds"]:.1f} s of computing on {result["episodes"]} '
-            f'episodes, {result["steps"]} steps'
+            f'answered after {selection.seconds:.1f} s of computing on {selection.episodes} '
+            f'episodes, {selection.steps} steps'
         )
-        print_ranking(result, options.scenario)
-
-        during = len(processes.lines('downstream')) - before
-        count = len(result['names'])
-        lines = []
-        deadline = time.monotonic() + 10
-        while sum(len(line.split()) == count for line in lines) < NUM_SHOWN:
-            if time.monotonic() > deadline:
-                raise DemoError('the downstream node received no state of the selected sensors')
-            processes.check()
-            time.sleep(1 / SHOW_RATE)
-            lines = processes.lines('downstream')
-    print(f'\nwhat the downstream process received, {during} messages of it during the selection:')
-    full = [line for line in lines if len(line.split()) > count]
-    print(f'  before  {full[-1] if full else lines[0]}')
+        print_selection(selection, options.scenario)
+        lines = _selected_lines(processes, len(selection.names) or count)
+    print(f'\nwhat the downstream node received, {meanwhile} states of it during the selection:')
+    print(f'  before  {shorten(known[-1], _LINE_WIDTH, placeholder=" ...")}')
     for line in lines[-NUM_SHOWN:]:
-        print(f'  after   {line}')
-    plot_scores(result, options.scenario, options.out)
-    print(f'\nscore path: {options.out.resolve()}')
-    print(f'done in {time.monotonic() - begin:.0f} s')
+        print(f'  after   {shorten(line, _LINE_WIDTH, placeholder=" ...")}')
+    save_picture(selection, options.scenario, options.out)
+    print(f'\npicture: {options.out.resolve()}\n\n{NEXT}')
+
+
+def _selected_lines(processes: Processes, count: int) -> list[str]:
+    """Wait for enough states of `count` sensors at the downstream node; return them."""
+    deadline = time.monotonic() + 10
+    while True:
+        lines = [line for line in processes.lines('downstream') if len(line.split()) == count]
+        if len(lines) >= NUM_SHOWN:
+            return lines
+        if time.monotonic() > deadline:
+            raise DemoError('the downstream node received no state of the selected sensors')
+        processes.check()
+        time.sleep(1 / SHOW_RATE)
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -284,13 +294,13 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog='demo', description=__doc__.splitlines()[0])
     parser.add_argument('--scenario', choices=SCENARIOS, default='without_gravel')
     parser.add_argument('--episodes', type=int, default=100, help='episodes to collect')
-    parser.add_argument('--num-features', type=int, help='sensors to select; 0: automatic')
-    parser.add_argument('--rate', type=float, default=250.0, help='steps per second')
+    parser.add_argument(
+        '--num-features', type=int, default=0, help='sensors to select (default: what is confirmed)'
+    )
+    parser.add_argument('--rate', type=float, default=400.0, help='steps per second')
     parser.add_argument('--seed', type=int, default=0, help='seed of the simulator')
     parser.add_argument('--out', type=Path, help='file of the picture (default demo_SCENARIO.png)')
     options = parser.parse_args(arguments)
-    if options.num_features is None:
-        options.num_features = NUM_FEATURES[options.scenario]
     if options.episodes < 2:
         parser.error(f'--episodes is {options.episodes}; expected at least 2')
     options.out = options.out or Path(f'demo_{options.scenario}.png')

@@ -25,6 +25,14 @@ td.name { max-width: 16rem; }
 img { max-width: 100%; } .note { color: #59636e; }
 """
 
+_READING_SCORES = 'The score is the criterion of the sensor with those taken before it.'
+_READING = (
+    'The score is what the return shares with the sensor and those taken before it; grey is what '
+    'it would be if the sensor told nothing. p is how likely so much by chance, from a test of its '
+    'own that is sharper than the score. Confirmed: there is evidence. Tentative: more episodes '
+    'may show it. Rejected: it tells nothing that the confirmed do not.'
+)
+
 
 def write_report(
     folder: str | Path,
@@ -69,6 +77,7 @@ def write_report(
         f'<p>From {selection.episodes} episodes, {selection.steps} steps, '
         f'{len(names)} channels, in {selection.seconds:.1f} s.</p>',
         '<h2>Ranking</h2>',
+        f'<p class="note">{_READING if selection.pvalues else _READING_SCORES}</p>',
         _image(draw_ranking(selection), 'score after each sensor of the ranking'),
         _ranking_table(selection),
         '<h2>Correlation of the selected with the other channels</h2>',

@@ -40,6 +40,9 @@ def make_robot_file() -> int:
 
 def select_from_bag() -> int:
     """Select from recorded bags."""
+    # Its products of matrices are small: on busy cores, threads would only wait for each other.
+    for library in ('OPENBLAS', 'MKL', 'OMP', 'BLIS'):
+        os.environ.setdefault(f'{library}_NUM_THREADS', '1')
     return start('cmifs_ros.tools.select_from_bag')
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from cmifs_ros.core.selection import Selection
@@ -22,7 +24,7 @@ def figure_of(width: float, height: float):
 def label_of(name: str) -> str:
     """Return a name as a picture can show it: short, no mathematics, no control characters."""
     text = ''.join(c if c.isprintable() else '?' for c in name)
-    return (text if len(text) <= 24 else f'{text[:22]}..').replace('$', r'\$')
+    return (text if len(text) <= 24 else f'{text[:10]}..{text[-12:]}').replace('$', r'\$')
 
 
 def draw_ranking(selection: Selection):
@@ -49,25 +51,29 @@ def draw_ranking(selection: Selection):
     labels = [label_of(name) for name in selection.ranking[:MAX_SHOWN]]
     axes.set_xticks(places, labels, rotation=45, ha='right', rotation_mode='anchor')
     axes.set_xlabel('sensor added')
-    axes.set_ylabel('score of all so far')
+    axes.set_ylabel('score with the sensor')
     axes.legend()
     return figure
 
 
+def _listed(names: Sequence[str]) -> str:
+    more = f' and {len(names) - 2} more' if len(names) > 2 else ''
+    return ', '.join(names[:2]) + more
+
+
 def ranking_text(selection: Selection) -> str:
     """Return the ranking as a table, with the evidence where there is any."""
-    rows = [['rank', 'sensor', 'score', 'share']]
+    rows = [['rank', 'sensor', 'score']]
     rows[0] += ['tells nothing'] if selection.null_scores else []
     rows[0] += ['p'] if selection.pvalues else []
     rows[0] += ['status'] if selection.statuses else []
     spoke_by = [
-        '' if spoke == (name,) else ', '.join(spoke)
+        '' if spoke == (name,) else _listed(spoke)
         for name, spoke in zip(selection.ranking, selection.spoke_by, strict=False)
     ]
     rows[0] += ['by its channels'] if any(spoke_by) else []
-    best = max([*selection.scores, 0.0])
     for i, (name, score) in enumerate(zip(selection.ranking, selection.scores, strict=True)):
-        row = [str(i + 1), name, f'{score:.3f}', f'{max(0.0, score / best) if best else 0:.0%}']
+        row = [str(i + 1), name, f'{score:.3f}']
         if selection.null_scores:
             low, _, high = selection.null_scores[i]
             row.append(f'{low:.3f} to {high:.3f}')

@@ -23,21 +23,25 @@ from .watch_view import Snapshot, Status, view
 
 #: What the selector writes into its diagnostics as hardware_id.
 _HARDWARE_ID = 'cmifs_ros'
+_OF_SELECTOR = ('input', 'selection', 'storage')
+#: Whoever speaks once a second has spoken by then.
+_ROUND = 1.5
 _REFRESH_PERIOD = 0.25
 #: Seconds to wait for a selector where there is no terminal to show it live.
 _PATIENCE = 10.0
 #: Lines of the view that are not the ranking.
 _OTHER_LINES = 14
 _MAX_ELSEWHERE = 10
+_MAX_TOPICS = 100
 
 
 class Watcher:
-    """Listens to the diagnostics and scores of the first selector heard in a namespace."""
+    """Listens to the first selector heard in a namespace, and to the sampler there."""
 
     def __init__(self, node):
         self._node = node
         self._namespace = node.get_namespace().strip('/')
-        self._heard_at = time.monotonic()
+        self._heard_at = self._heard_sampler_at = time.monotonic()
         self.snapshot = Snapshot()
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         node.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
@@ -45,24 +49,35 @@ class Watcher:
 
     def look(self) -> Snapshot:
         """Return what is known now."""
-        self.snapshot.silence = time.monotonic() - self._heard_at
+        now = time.monotonic()
+        self.snapshot.silence = now - self._heard_at
+        self.snapshot.sampler_silence = now - self._heard_sampler_at
         return self.snapshot
 
     def _on_diagnostics(self, msg: DiagnosticArray) -> None:
         for status in msg.status:
-            selector, _, what = status.name.rpartition(': ')
-            if status.hardware_id != _HARDWARE_ID or not selector:
+            node, _, what = status.name.rpartition(': ')
+            if status.hardware_id != _HARDWARE_ID or not node:
                 continue
-            namespace = selector.rpartition('/')[0]
-            if namespace != self._namespace:
+            namespace = node.rpartition('/')[0]
+            said = Status(
+                ord(status.level), status.message, {v.key: v.value for v in status.values}
+            )
+            if what not in _OF_SELECTOR:
+                if namespace == self._namespace:
+                    self._on_sampler(what, said)
+            elif namespace != self._namespace:
                 known = {*self.snapshot.elsewhere, f'/{namespace}'}
                 self.snapshot.elsewhere = sorted(known)[:_MAX_ELSEWHERE]
-            elif self.snapshot.selector in ('', selector):
+            elif self.snapshot.selector in ('', node):
                 self._heard_at = time.monotonic()
-                self.snapshot.selector = selector
-                self.snapshot.statuses[what] = Status(
-                    ord(status.level), status.message, {v.key: v.value for v in status.values}
-                )
+                self.snapshot.selector = node
+                self.snapshot.statuses[what] = said
+
+    def _on_sampler(self, what: str, said: Status) -> None:
+        self._heard_sampler_at = time.monotonic()
+        if what in self.snapshot.sampler or len(self.snapshot.sampler) < _MAX_TOPICS:
+            self.snapshot.sampler[what] = said
 
     def _on_scores(self, msg: JointState) -> None:
         self.snapshot.ranking, self.snapshot.scores = list(msg.name), list(msg.position)
@@ -81,9 +96,12 @@ def run(namespace: str, console: Console) -> int:
     node = rclpy.create_node(f'watch_{os.getpid()}', namespace=namespace)
     watcher = Watcher(node)
     if not console.is_terminal:
-        deadline = time.monotonic() + _PATIENCE
-        while not (stopping or watcher.snapshot.is_complete) and time.monotonic() < deadline:
+        begin = now = time.monotonic()
+        while not stopping and now < begin + (
+            _ROUND if watcher.snapshot.is_complete else _PATIENCE
+        ):
             rclpy.spin_once(node, timeout_sec=_REFRESH_PERIOD)
+            now = time.monotonic()
         console.print(view(watcher.look()))
         return 0 if watcher.snapshot.selector else 1
     with Live(console=console, auto_refresh=False, screen=True) as live:

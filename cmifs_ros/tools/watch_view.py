@@ -16,7 +16,11 @@ LEVELS = (('ok', 'green'), ('warn', 'yellow'), ('error', 'bold red'), ('stale', 
 _STATUS_STYLES = {'confirmed': 'green', 'tentative': 'yellow', 'rejected': 'dim'}
 #: Seconds without diagnostics, which come once a second, after which the selector seems gone.
 GONE_AFTER = 5.0
-_BAR_WIDTH = 24
+_BAR_WIDTH = 16
+_NAME_WIDTH = 24
+#: What the sampler says of its steps, beside what it says of each topic.
+_STEPS = 'steps'
+_MAX_BAD_TOPICS = 4
 
 
 class Status(NamedTuple):
@@ -40,8 +44,10 @@ class Snapshot:
     ranking : sequence of str
     scores : sequence of float
         The criterion of the first 1, 2, ... sensors of the ranking.
-    silence : float
-        Seconds since the last diagnostics.
+    sampler : dict of str to Status
+        Of the sampler, if there is one: of its steps, and by topic.
+    silence, sampler_silence : float
+        Seconds since the last diagnostics of the selector, and of the sampler.
     elsewhere : sequence of str
         Namespaces in which other selectors were heard.
 
@@ -51,7 +57,9 @@ class Snapshot:
     statuses: dict[str, Status] = field(default_factory=dict)
     ranking: Sequence[str] = ()
     scores: Sequence[float] = ()
+    sampler: dict[str, Status] = field(default_factory=dict)
     silence: float = 0.0
+    sampler_silence: float = 0.0
     elsewhere: Sequence[str] = ()
 
     @property
@@ -61,7 +69,7 @@ class Snapshot:
         return selection is not None and ('names' not in selection.values or bool(self.ranking))
 
 
-def view(snapshot: Snapshot, max_sensors: int = 20) -> Group:
+def view(snapshot: Snapshot, max_sensors: int = 40) -> Group:
     """Return the whole view, readable at 80 columns; of a long ranking the first sensors."""
     if not snapshot.selector:
         return Group(Rule('watch', align='left'), *_nothing_heard(snapshot.elsewhere))
@@ -73,19 +81,30 @@ def view(snapshot: Snapshot, max_sensors: int = 20) -> Group:
     facts = Table.grid(padding=(0, 2))
     facts.add_column(style='bold')
     facts.add_column(overflow='fold')
+    sampler = list(_sampler_lines(snapshot)) if snapshot.sampler else []
+    for i, line in enumerate(sampler):
+        facts.add_row('' if i else 'sampler', line)
     for what, status in snapshot.statuses.items():
         facts.add_row(what, _headline(status))
         for line in _DETAILS.get(what, lambda values: ())(status.values):
             facts.add_row('', line)
     parts.append(facts)
     if snapshot.ranking:
-        parts += [Text(), *_ranking(snapshot, max_sensors)]
+        parts += [Text(), *_ranking(snapshot, max(1, max_sensors - len(sampler)))]
     return Group(*parts)
 
 
 def _plain(text: str) -> Text:
     """Return text from outside, which must neither style nor steer the terminal."""
     return Text(''.join(c if c.isprintable() else '?' for c in text))
+
+
+def _short(name: str) -> str:
+    """Return the two ends of a long name: lidar rays differ in the last."""
+    if len(name) <= _NAME_WIDTH:
+        return name
+    half = _NAME_WIDTH // 2
+    return f'{name[: half - 1]}…{name[-half:]}'
 
 
 def _nothing_heard(elsewhere: Sequence[str]):
@@ -97,6 +116,19 @@ def _nothing_heard(elsewhere: Sequence[str]):
 def _headline(status: Status) -> Text:
     word, style = LEVELS[min(status.level, len(LEVELS) - 1)]
     return Text.assemble((word, style), ' ', _plain(status.message))
+
+
+def _sampler_lines(snapshot: Snapshot):
+    if snapshot.sampler_silence > GONE_AFTER:
+        yield Text(f'nothing heard for {snapshot.sampler_silence:.0f} s', LEVELS[2][1])
+        return
+    if _STEPS in snapshot.sampler:
+        yield _headline(snapshot.sampler[_STEPS])
+    bad = [(w, s) for w, s in snapshot.sampler.items() if s.level > 0 and w != _STEPS]
+    for topic, status in bad[:_MAX_BAD_TOPICS]:
+        yield Text.assemble(_plain(topic), ' ', _headline(status))
+    if len(bad) > _MAX_BAD_TOPICS:
+        yield Text(f'and {len(bad) - _MAX_BAD_TOPICS} more topics')
 
 
 def _input_lines(values: Mapping[str, str]):
@@ -111,9 +143,8 @@ def _input_lines(values: Mapping[str, str]):
 def _selection_lines(values: Mapping[str, str]):
     if 'names' in values:
         yield _plain(f'in use: {values["names"]}')
-        cause = f', {values["cause"]}' if 'cause' in values else ''
         yield _plain(
-            f'made {_age(values.get("age in s", "?"))} ago{cause}, from '
+            f'made {_age(values.get("age in s", "?"))} ago ({values.get("cause", "?")}), from '
             f'{values.get("episodes used", "?")} episodes in {values.get("seconds taken", "?")} s'
         )
     worker = f'worker {values.get("worker", "?")}'
@@ -165,20 +196,20 @@ def _ranking(snapshot: Snapshot, max_sensors: int):
     best = max([*scores, 0.0])
     table = Table(box=None, pad_edge=False, header_style='bold')
     table.add_column('', justify='right')
-    table.add_column('sensor', max_width=24, no_wrap=True, overflow='ellipsis')
-    table.add_column('score with it', justify='right')
+    table.add_column('sensor', no_wrap=True)
+    table.add_column('score', justify='right', no_wrap=True)
     table.add_column('', width=_BAR_WIDTH)
     if pvalues:
-        table.add_column('p', justify='right')
+        table.add_column('p', justify='right', no_wrap=True)
     if statuses:
-        table.add_column('status')
+        table.add_column('status', no_wrap=True)
     rows = zip(snapshot.ranking, scores, strict=False)
     for rank, (name, score) in enumerate(list(rows)[:max_sensors], start=1):
         share = max(0.0, score / best) if best > 0 else 0.0
         status = statuses.get(name, '')
         table.add_row(
             str(rank),
-            _plain(name),
+            _plain(_short(name)),
             f'{score:.3f}',
             Text('█' * round(_BAR_WIDTH * share), 'cyan'),
             *([_plain(pvalues.get(name, ''))] if pvalues else []),

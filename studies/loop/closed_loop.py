@@ -135,7 +135,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument('--episodes', type=number_from(100), default=300, help='default 300')
     parser.add_argument('--trials', type=number_from(1), default=3, help='seeds (default 3)')
     parser.add_argument(
-        '--num-features', type=number_from(0), default=2, help='0: automatic (default 2)'
+        '--num-features', type=number_from(0), default=0, help='0: automatic (the default)'
     )
     parser.add_argument('--rate', type=float, default=100.0, help='steps per second (default 100)')
     parser.add_argument(

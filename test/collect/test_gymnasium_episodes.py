@@ -74,7 +74,7 @@ def test_the_same_seed_repeats_and_endless_episodes_are_cut():
 def test_the_wrapper_leaves_the_selected_channels_in_their_order():
     env = gymnasium.make('Pendulum-v1')
     whole, _ = env.reset(seed=1)
-    selected = select_channels(env, ['obs_2', 'obs_0'])
+    selected = select_channels(env, np.array(['obs_2', 'obs_0']))  # as a selector gives them
     part, _ = selected.reset(seed=1)
     np.testing.assert_allclose(part, whole[[2, 0]])
     assert part in selected.observation_space

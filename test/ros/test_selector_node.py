@@ -16,6 +16,7 @@ from cmifs_ros.collect.transitions import RewardSample
 from cmifs_ros.core import ConditionalMISelector, Episode, KDRSelector
 from cmifs_ros.ros import selector_parameters, simulator_node
 from cmifs_ros.sim import channel_names, rollout
+from cmifs_ros.tools.watch_view import by_sensor
 
 NAMES = ('a', 'b', 'c')
 
@@ -329,6 +330,42 @@ def test_selections_come_by_themselves_when_there_are_new_episodes(start, robot)
     robot.wait_for_selector()
     robot.publish_episodes(small_episodes(), NAMES)
     assert 2 in robot.latched('selected_indices').data
+    status = 'selector: selection'
+    robot.until(lambda: robot.diagnostics[status][2].get('cause') == 'timer')
+
+
+def test_the_diagnostics_tell_cause_cost_and_the_evidence_of_every_sensor(selector, robot):
+    rng = np.random.default_rng(0)
+    names = [f'a sensor with a name longer than 32 letters, {i}' for i in range(12)]
+    states = rng.normal(size=(24, 3, 12))
+    robot.publish_episodes([Episode(s, s[:, 7]) for s in states], names)
+    robot.wait_for_episodes(24)
+    reply = json.loads(robot.call(robot.select_client).message)
+    assert reply['names'] == [names[7]]
+    status = 'selector: selection'
+    robot.until(lambda: 'cause' in robot.diagnostics[status][2])
+    values = robot.diagnostics[status][2]
+    assert values['cause'] == 'service call'
+    assert float(values['seconds taken']) == pytest.approx(reply['seconds'], abs=0.01)
+    assert by_sensor(reply['ranking'], values['statuses']) == dict(
+        zip(reply['ranking'], reply['statuses'], strict=True)
+    )
+    pvalues = by_sensor(reply['ranking'], values['pvalues'])
+    assert [float(pvalues[name]) for name in reply['ranking']] == pytest.approx(
+        reply['pvalues'], rel=0.1
+    )
+
+
+def test_where_nothing_is_confirmed_the_diagnostics_tell_how_far_it_is(selector, robot):
+    rng = np.random.default_rng(0)
+    states = rng.normal(size=(24, 3, 3))
+    robot.publish_episodes([Episode(s, rng.normal(size=3)) for s in states], NAMES)
+    robot.wait_for_episodes(24)
+    reply = robot.call(robot.select_client)
+    found = json.loads(reply.message)
+    assert found['names'] == []
+    what = 'nothing confirmed yet; 24 episodes' if reply.success else 'no sensor tells anything'
+    robot.until(lambda: robot.diagnostics['selector: selection'][1].startswith(what))
 
 
 def test_cleared_episodes_are_gone_and_other_channels_welcome(selector, robot):

@@ -87,6 +87,7 @@ def test_a_killed_selector_comes_back_with_its_episodes_and_its_selection(start_
     _, message, values = robot.diagnostics['selector: selection']
     assert (message, values['episodes used']) == ('selected c', '24')
     assert 0 <= int(values['age in s']) < 60
+    assert values['cause'] == 'read from the file'
     robot.publish_state(stamp, NAMES, [1.0, 2.0, 3.0])
     robot.until(lambda: robot.selected)
     assert robot.selected[0].position.tolist() == [3]

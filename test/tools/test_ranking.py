@@ -1,0 +1,54 @@
+from dataclasses import replace
+
+import pytest
+
+from cmifs_ros.core.selection import Selection
+from cmifs_ros.tools.ranking import draw_ranking, ranking_text
+
+BARE = Selection((0,), ('x',), ('x', 'scan', 'still'), (0.25, 0.5, -0.1), 12, 60, 1.5)
+FULL = replace(
+    BARE,
+    statuses=('confirmed', 'tentative', 'rejected'),
+    pvalues=(0.0012, 0.2, 1.0),
+    null_scores=((-0.01, 0.0, 0.02), (0.24, 0.25, 0.27), (0.35, 0.36, 0.37)),
+    spoke_by=(('x',), ('scan[6]', 'scan[7]', 'scan[8]', 'scan[9]'), ('still',)),
+)
+
+
+def test_the_table_has_the_evidence_where_there_is_some():
+    assert [line.split() for line in ranking_text(BARE).splitlines()] == [
+        ['rank', 'sensor', 'score'],
+        ['1', 'x', '0.250'],
+        ['2', 'scan', '0.500'],
+        ['3', 'still', '-0.100'],
+    ]
+    assert [line.split() for line in ranking_text(FULL).splitlines()[1:]] == [
+        ['1', 'x', '0.250', '-0.010', 'to', '0.020', '0.0012', 'confirmed'],
+        [
+            '2',
+            'scan',
+            '0.500',
+            '0.240',
+            'to',
+            '0.270',
+            '0.2',
+            'tentative',
+            'scan[6],',
+            'scan[7]',
+            'and',
+            '2',
+            'more',
+        ],
+        ['3', 'still', '-0.100', '0.350', 'to', '0.370', '1', 'rejected'],
+    ]
+
+
+@pytest.mark.parametrize('selection', [BARE, FULL, replace(FULL, indices=(), names=())])
+def test_the_picture_shows_band_scores_and_statuses(selection):
+    figure = draw_ranking(selection)
+    (axes,) = figure.axes
+    shown = {text.get_text() for text in axes.get_legend().get_texts()}
+    assert set(selection.statuses) <= shown
+    assert ('its median' in shown) == bool(selection.null_scores)
+    scores = [line for line in axes.lines if len(line.get_xdata()) == len(selection.scores)]
+    assert any(tuple(line.get_ydata()) == selection.scores for line in scores)
