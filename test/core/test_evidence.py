@@ -37,9 +37,8 @@ def test_pvalues_of_what_tells_nothing_are_uniform():
         rng = np.random.default_rng(seed)
         x, hidden, noise, walk = slow(rng, 4).T
         white = rng.normal(size=len(x))
-        test = conditional_test(
-            samples_of(x**2 + hidden, np.column_stack([x, noise, walk, white])), seed
-        )
+        states = np.column_stack([x, noise, walk, white])
+        test = conditional_test(samples_of(x**2 + hidden, states), seed)
         pvalues += [test((1,), (0,)), test((2,), ()), test((3,), (0,))]
     pvalues = np.array(pvalues)
     assert np.mean(pvalues <= 0.05) <= 0.1
