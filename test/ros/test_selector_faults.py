@@ -219,12 +219,29 @@ def test_an_episode_that_comes_again_is_counted_and_not_kept(selector, robot):
     assert selector.output.count('is a bag played in a loop') == 1
 
 
-def test_parts_of_a_state_on_one_topic_are_told_with_the_remedy(selector, robot):
-    for stamp in range(1, 20, 2):
-        robot.publish_state(stamp, ['arm'], [0.0])
-        robot.publish_state(stamp + 1, ['gripper'], [0.0])
-    robot.until(lambda: 'states of different channels take turns' in robot.diagnostics[INPUT][1])
-    assert 'sampler' in selector.output
+@pytest.mark.parametrize('first', ['arm', 'gripper'])
+def test_of_parts_on_one_topic_the_one_with_the_rewards_stamps_is_the_state_and_the_remedy_is_told(
+    selector, robot, first
+):
+    stamp = 10
+    for number in range(4):
+        for step in range(5):
+            parts = [
+                (stamp, ['shoulder', 'elbow'], [step, number]),
+                (stamp - 3, ['gripper'], [0.0]),
+            ]
+            for part in parts if first == 'arm' else parts[::-1]:
+                robot.publish_state(*part)
+            robot.publish_reward(stamp, RewardSample(step, False, step == 4, number, step))
+            stamp += 10
+    robot.wait_for_episodes(4)
+    expected = (
+        'states of different channels take turns: those of shoulder, elbow are taken, as they had '
+        'the stamp of the first reward, and those that differ by gripper are not; publish whole '
+        'states, or merge the parts with the sampler'
+    )
+    robot.until(lambda: robot.diagnostics[INPUT][:2] == (WARN, expected))
+    assert selector.output.count(expected) == 1
 
 
 @pytest.mark.parametrize('restart', [False, True])
