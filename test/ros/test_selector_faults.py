@@ -41,10 +41,6 @@ def selector(start, robot):
 
 
 def test_a_worker_may_be_killed_again_and_again(selector, robot):
-    robot.publish_episodes(rollout('with_gravel', 30, seed=0), channel_names('with_gravel'))
-    robot.wait_for_episodes(30)
-    assert robot.set_parameter('num_features', 1).successful
-
     def kill_worker(state):
         robot.diagnostics.clear()
         robot.until(
@@ -56,20 +52,27 @@ def test_a_worker_may_be_killed_again_and_again(selector, robot):
         )
         os.kill(int(robot.diagnostics[SELECTION][2]['worker pid']), signal.SIGKILL)
 
+    stamp = robot.publish_episodes(normal_episodes(), NAMES)
+    robot.wait_for_episodes(24)
     for _ in range(2):
         assert robot.call(robot.select_client).success
         kill_worker('idle')
         robot.until(lambda: robot.diagnostics[SELECTION][2]['worker pid'] == 'none')
     assert robot.call(robot.select_client).success
-    assert robot.set_parameter('num_features', 0).successful
+    robot.call(robot.clear_client)
+    slow = rollout('with_gravel', 40, seed=0)
+    stamp = robot.publish_episodes(slow, channel_names('with_gravel'), begin=stamp)
+    robot.wait_for_episodes(40)
     for _ in range(2):
         future = robot.select_client.call_async(robot.select_client.srv_type.Request())
         kill_worker('computing')
         robot.until(future.done)
         assert not future.result().success
         assert 'the worker process died' in json.loads(future.result().message)['error']
-    assert robot.set_parameter('num_features', 1).successful
-    assert json.loads(robot.call(robot.select_client).message)['episodes'] == 30
+    robot.call(robot.clear_client)
+    robot.publish_episodes(normal_episodes(), NAMES, begin=stamp)
+    robot.wait_for_episodes(24)
+    assert json.loads(robot.call(robot.select_client).message)['names'] == ['c']
 
 
 def test_a_selection_that_takes_too_long_is_ended_and_the_next_one_works(selector, robot):
