@@ -1,13 +1,14 @@
 """The mathematics: which sensors does the return depend on? NumPy and SciPy only."""
 
 from .conditional_mi import ConditionalMI
+from .conditional_mi_selector import ConditionalMISelector
 from .episode import Episode
 from .kdr import KDR
+from .kdr_selector import KDRSelector
 from .lsmi import CRITERIA, Lsmi
 from .permutation import PermutationTest
 from .returns import discounted_returns
 from .search import DIRECTIONS
-from .selector import ConditionalMISelector, KDRSelector
 
 __all__ = [
     'CRITERIA',

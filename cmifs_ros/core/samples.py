@@ -85,7 +85,7 @@ def collect_samples(episodes: Sequence[Episode], *, gamma: float, standardize: b
         raise ValueError(f'a reward is {largest:g} in size; expected returns that do not overflow')
     states = np.concatenate([episode.states for episode in episodes])
     if standardize:
-        returns, states = _standardized(winsorized(returns)), _standardized(winsorized(states))
+        returns, states = standardized(winsorized(returns)), standardized(winsorized(states))
     owner = np.repeat(np.arange(len(episodes)), lengths)
     step = np.concatenate([np.arange(length) for length in lengths])
     return Samples(returns, states, owner, step)
@@ -164,7 +164,8 @@ def winsorized(values: np.ndarray) -> np.ndarray:
         return np.clip(values, low - 2 * reach, high + 2 * reach)
 
 
-def _standardized(values: np.ndarray) -> np.ndarray:
+def standardized(values: np.ndarray) -> np.ndarray:
+    """Return values (N,) or (N, v) of mean 0 and standard deviation 1, constant channels as 0."""
     size = np.max(np.abs(values), axis=0)
     values = values / np.where(size > 0, size, 1.0)  # so that no square overflows
     constant = np.ptp(values, axis=0) == 0  # of which rounding would leave a spread of 1e-16

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .conditional_mi_selector import ConditionalMISelector
 from .episode import Episode
-from .selector import ConditionalMISelector, KDRSelector
+from .kdr_selector import KDRSelector
 
 METHODS = {'conditional_mi': ConditionalMISelector, 'kdr': KDRSelector}
 
@@ -84,14 +85,12 @@ def select(
     with np.errstate(over='ignore', invalid='ignore'):  # Huge values: their spread is inf.
         means, spreads = samples.mean(axis=0), samples.std(axis=0)
     evidence = {}
-    if selector.findings_:
+    if len(getattr(selector, 'pvalues_', ())):
         evidence = {
             'statuses': tuple(selector.statuses_),
             'pvalues': tuple(selector.pvalues_.tolist()),
-            'null_scores': tuple(f.evidence.null_scores for f in selector.findings_),
-            'spoke_by': tuple(
-                tuple(channel_names[c] for c in f.channels) for f in selector.findings_
-            ),
+            'null_scores': tuple(map(tuple, selector.null_scores_.tolist())),
+            'spoke_by': tuple(tuple(channel_names[c] for c in s) for s in selector.spoke_by_),
         }
     return Selection(
         indices=tuple(selector.get_support(indices=True).tolist()),

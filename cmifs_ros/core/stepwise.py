@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .evidence import ConditionalTest, Evidence
+from .evidence import ConditionalTest
 from .search import Criterion, Sensor
 
 #: Of those with the best scores, so many are tested before a round ends without finding any.
@@ -19,23 +19,16 @@ _MAX_PAIRED = 24
 _MAX_WHOLE = 3
 
 
-class Proposal(NamedTuple):
-    """A sensor, the channels that speak for it, and the criterion with them."""
-
-    sensor: int
-    channels: Sensor
-    score: float
-
-
 class Finding(NamedTuple):
-    """A sensor of the result, with the channels that spoke for it and its evidence.
+    """A sensor, the channels that speak for it, the criterion with them, and its evidence.
 
-    The p-value of the evidence is corrected for the number of candidates (Bonferroni).
+    The p-value is corrected for the number of candidates (Bonferroni).
     """
 
     sensor: int
     channels: Sensor
-    evidence: Evidence
+    score: float
+    pvalue: float = 1.0
 
 
 class StepwiseSelection:
@@ -77,7 +70,7 @@ class StepwiseSelection:
 
     def confirmed(self) -> list[Finding]:
         """Return the confirmed sensors, in the order in which they were found."""
-        chosen: list[Proposal] = []
+        chosen: list[Finding] = []
         while len(chosen) < len(self._sensors):
             found = self._next(chosen)
             if not found and not chosen:
@@ -86,67 +79,61 @@ class StepwiseSelection:
                 break
             chosen += found
             self._progress(1 - 0.5 ** len(chosen))
-        return self._without_superfluous(chosen)
+        return self._scored(self._without_superfluous(chosen))
 
     def tested(self, sensors: Sequence[int]) -> list[Finding]:
         """Return those of the sensors, each whole, that have evidence given the others."""
-        return self._without_superfluous([Proposal(i, self._sensors[i], 0.0) for i in sensors])
+        chosen = [Finding(i, self._sensors[i], 0.0) for i in sensors]
+        return self._scored(self._without_superfluous(chosen, num_candidates=self._num_units))
 
     def ranked(self, chosen: Sequence[Finding], count: int) -> list[Finding]:
-        """Return at most `count` of the other sensors by score, with their evidence so far."""
-        taken, rest = [(f.sensor, f.channels) for f in chosen], []
-        while len(rest) < count:
-            proposals = self._proposals(taken)
-            if not proposals:
-                break
-            best = proposals[0]
-            given = self._given(taken)
-            rest.append(self._finding(best, self._test(best.channels, given)))
-            taken.append((best.sensor, best.channels))
-        return rest
+        """Return at most `count` of the other sensors by score, each tested given those before."""
+        taken = list(chosen)
+        while len(taken) < len(chosen) + count and (proposals := self._proposals(taken)):
+            taken.append(self._tested(proposals[0], self._given(taken)))
+        return taken[len(chosen) :]
 
     def listed(self, chosen: Sequence[Finding]) -> list[Finding]:
         """Return all other sensors by their scores with the chosen ones, each tested.
 
         Those that a test rejects come last: a copy costs less than a sensor that tells a little.
         """
-        taken = [(f.sensor, f.channels) for f in chosen]
-        given = self._given(taken)
-        found = [self._finding(p, self._test(p.channels, given)) for p in self._proposals(taken)]
-        return sorted(found, key=lambda f: f.evidence.pvalue >= 1)
+        given = self._given(chosen)
+        found = [self._tested(proposal, given) for proposal in self._proposals(chosen)]
+        return sorted(found, key=lambda finding: finding.pvalue >= 1)
 
     def _units(self, sensor: int) -> list[Sensor]:
         channels = self._sensors[sensor]
         single = [(channel,) for channel in channels]
         return [*single, channels] if 1 < len(channels) <= _MAX_WHOLE else single
 
-    def _given(self, taken) -> list[int]:
-        return [*self._background, *(channel for _, channels in taken for channel in channels)]
+    def _given(self, taken: Sequence[Finding]) -> list[int]:
+        return [*self._background, *(channel for f in taken for channel in f.channels)]
 
-    def _proposals(self, taken) -> list[Proposal]:
+    def _proposals(self, taken: Sequence[Finding]) -> list[Finding]:
         """Return the best unit of each sensor that is left, best score first."""
-        given, used = self._given(taken), {sensor for sensor, _ in taken}
+        given, used = self._given(taken), {finding.sensor for finding in taken}
         left = [i for i in range(len(self._sensors)) if i not in used]
         units = [(i, unit) for i in left for unit in self._units(i)]
         if not units:
             return []
         scores = self._criterion([[*given, *unit] for _, unit in units])
-        best: dict[int, Proposal] = {}
+        best: dict[int, Finding] = {}
         for (i, unit), score in zip(units, scores, strict=True):
             if i not in best or score > best[i].score:
-                best[i] = Proposal(i, unit, float(score))
-        return sorted(best.values(), key=lambda p: -p.score)
+                best[i] = Finding(i, unit, float(score))
+        return sorted(best.values(), key=lambda f: -f.score)
 
-    def _next(self, chosen: list[Proposal]) -> list[Proposal]:
+    def _next(self, chosen: list[Finding]) -> list[Finding]:
         """Return the best-scored sensor that has evidence given those chosen, or none."""
-        taken = [(p.sensor, p.channels) for p in chosen]
-        given = self._given(taken)
-        for proposal in self._proposals(taken)[:_MAX_TESTS]:
-            if self._is_evident(self._test(proposal.channels, given)):
-                return [proposal]
+        given = self._given(chosen)
+        for proposal in self._proposals(chosen)[:_MAX_TESTS]:
+            found = self._tested(proposal, given)
+            if found.pvalue <= self._significance:
+                return [found]
         return []
 
-    def _pair(self) -> list[Proposal]:
+    def _pair(self) -> list[Finding]:
         """Return the best of all pairs, if each of the two has evidence given the other."""
         singles = self._proposals([])[:_MAX_PAIRED]
         pairs = list(combinations(singles, 2))
@@ -154,29 +141,38 @@ class StepwiseSelection:
             return []
         scores = self._criterion([[*self._background, *a.channels, *b.channels] for a, b in pairs])
         best = pairs[int(np.argmax(scores))]
-        for one, other in (best, best[::-1]):
-            evidence = self._test(one.channels, [*self._background, *other.channels])
-            if evidence.pvalue * len(pairs) > self._significance:
-                return []
-        return list(best)
+        found = [
+            self._tested(one, [*self._background, *other.channels], len(pairs))
+            for one, other in (best, best[::-1])
+        ]
+        return found if max(f.pvalue for f in found) <= self._significance else []
 
-    def _without_superfluous(self, chosen: list[Proposal]) -> list[Finding]:
-        """Remove what has no evidence given the rest, the weakest first."""
+    def _without_superfluous(self, chosen: list[Finding], num_candidates: int = 1) -> list[Finding]:
+        """Remove what has no evidence given the rest, the weakest first.
+
+        What was found among many candidates is not one of many any more.
+        """
         while chosen:
-            findings = []
-            for proposal in chosen:
-                rest = [(p.sensor, p.channels) for p in chosen if p is not proposal]
-                evidence = self._test(proposal.channels, self._given(rest), in_full=True)
-                findings.append(self._finding(proposal, evidence))
-            weakest = max(range(len(chosen)), key=lambda i: findings[i].evidence.pvalue)
-            if findings[weakest].evidence.pvalue <= self._significance:
-                return findings
-            chosen = [p for i, p in enumerate(chosen) if i != weakest]
+            given_rest = []
+            for finding in chosen:
+                rest = self._given([other for other in chosen if other is not finding])
+                pvalue = self._tested(finding, rest, num_candidates).pvalue
+                given_rest.append(max(pvalue, finding.pvalue if num_candidates == 1 else 0.0))
+            weakest = int(np.argmax(given_rest))
+            if given_rest[weakest] <= self._significance:
+                return [f._replace(pvalue=p) for f, p in zip(chosen, given_rest, strict=True)]
+            chosen = [finding for i, finding in enumerate(chosen) if i != weakest]
         return []
 
-    def _is_evident(self, evidence: Evidence) -> bool:
-        return evidence.pvalue * self._num_units <= self._significance
+    def _tested(
+        self, finding: Finding, given: Sequence[int], num_candidates: int | None = None
+    ) -> Finding:
+        pvalue = self._test(finding.channels, given) * (num_candidates or self._num_units)
+        return finding._replace(pvalue=min(1.0, pvalue))
 
-    def _finding(self, proposal: Proposal, evidence: Evidence) -> Finding:
-        corrected = min(1.0, evidence.pvalue * self._num_units)
-        return Finding(proposal.sensor, proposal.channels, evidence._replace(pvalue=corrected))
+    def _scored(self, chosen: list[Finding]) -> list[Finding]:
+        """Return the findings, each with the criterion of it and those before it."""
+        return [
+            finding._replace(score=float(self._criterion([self._given(chosen[: i + 1])])[0]))
+            for i, finding in enumerate(chosen)
+        ]

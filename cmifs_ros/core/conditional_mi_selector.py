@@ -1,0 +1,303 @@
+"""The selector of the project: the score proposes a sensor, and evidence disposes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from .conditional_mi import ConditionalMI
+from .episode import unique_episodes
+from .evidence import ConditionalTest
+from .lsmi import Lsmi
+from .permutation import PermutationTest, permutation_test
+from .samples import Samples, collect_samples, split_by_step, standardized
+from .search import backward_elimination, forward_selection
+from .sensor_selector import Ranking, SensorSelector
+from .shadows import null_scores
+from .stepwise import Finding, StepwiseSelection
+
+#: Statuses of a sensor.
+CONFIRMED, TENTATIVE, REJECTED = 'confirmed', 'tentative', 'rejected'
+#: Kernel widths of the default; the paper's grid is wider and finer, with the same results.
+_WIDTHS = tuple(np.logspace(-1, 1.5, 6))
+#: A bin holds no more samples: neighbouring steps of an episode tell nearly the same.
+_MAX_SAMPLES = 1000
+#: How much greater the score must be for steps to be pooled that could be told apart.
+_POOLING_FACTOR, _POOLING_MARGIN = 1.5, 0.1
+#: Sensors added for comparing time bins.
+_NUM_TRIED = 2
+#: p-value at which the return is taken to change with the age of the episode.
+_DRIFT_LEVEL = 0.01
+
+
+class ConditionalMISelector(SensorSelector):
+    """Select the sensors that the return depends on, also through several time steps.
+
+    The score proposes the next sensor, and a test disposes: is the score higher than with shadows
+    of that sensor, given those selected before? In the end each is tested given all the others.
+    Its further attributes are those of `SensorSelector`.
+
+    Parameters
+    ----------
+    num_features : int, optional
+        How many sensors to select. None takes those that are confirmed, which may be none.
+    gamma : float
+        Discount factor of the return, 0 < gamma <= 1.
+    criterion : {'held_out', 'plug_in'}
+        See `Lsmi`. 'plug_in' ranks by the score alone, and selects all where no number is given.
+    standardize : bool
+        Draw in far values and scale channels and returns over all samples.
+    direction : {'forward', 'backward'}
+        Forward selection, or backward elimination, whose first sensors are then tested.
+    groups : mapping of str to sequence of (str or int), optional
+        Sensors that deliver several channels: name to channel names or indices. A channel in
+        no group is a sensor by itself. Sensors are selected whole; in forward selection the
+        channel of it that tells most speaks for it.
+    max_time_bins : int or 'auto', optional
+        Longer episodes have neighbouring steps pooled into this many bins; None never pools.
+        'auto' decides by the score between 32 and a single one.
+    tuning_window : int
+        How many steps (or bins) on either side help a step to pick its kernel width and
+        regularisation; see `ConditionalMI`.
+    num_centers : int, optional
+        Greatest number of kernel centres in a step; None takes all samples.
+    significance : float
+        Probability, 0 < significance < 1, that anything is confirmed where nothing matters.
+    random_state : int
+        Seed. The same seed and data give the same result bit for bit on one machine.
+    n_jobs : int
+        Threads that share the work.
+
+    Attributes
+    ----------
+    pvalues_ : numpy.ndarray, shape (len(ranking_),)
+        Of the hypothesis that a sensor tells nothing beside those selected, corrected for the
+        number of candidates.
+    statuses_ : list of str
+        'confirmed', 'tentative' or 'rejected', for each sensor of the ranking.
+    null_scores_ : numpy.ndarray, shape (len(ranking_), 3)
+        5 %, median and 95 % of the scores that sensors which tell nothing have at the same place:
+        ten, each with its trajectories exchanged between the episodes.
+    spoke_by_ : list of tuple of int
+        The channels that spoke for each sensor: all of it, or the best of many.
+    num_duplicates_ : int
+        Episodes that were there twice, states and rewards alike, and left out.
+
+    Notes
+    -----
+    What is confirmed tells something about the return of the policy that collected the episodes.
+    What tells nothing under that policy may matter under another. Where the return drifts from
+    episode to episode, every sensor is judged given the episode's age.
+
+    Hachiya & Sugiyama, Feature Selection for Reinforcement Learning: Evaluating Implicit
+    State-Reward Dependency via Conditional Mutual Information, 2010.
+
+    """
+
+    def __init__(
+        self,
+        num_features: int | None = None,
+        *,
+        gamma: float = 0.95,
+        criterion: str = 'held_out',
+        standardize: bool = True,
+        direction: str = 'forward',
+        groups: Mapping[str, Sequence[str | int]] | None = None,
+        max_time_bins: int | str | None = 'auto',
+        tuning_window: int = 2,
+        num_centers: int | None = 50,
+        significance: float = 0.05,
+        random_state: int = 0,
+        n_jobs: int = 1,
+    ):
+        super().__init__(num_features, direction, groups, random_state)
+        self.gamma = gamma
+        self.criterion = criterion
+        self.standardize = standardize
+        self.max_time_bins = max_time_bins
+        self.tuning_window = tuning_window
+        self.num_centers = num_centers
+        self.significance = significance
+        self.n_jobs = n_jobs
+
+    @classmethod
+    def paper(cls, num_features: int | None = None, **options) -> ConditionalMISelector:
+        """Return a selector set as in the paper: raw features, Equation (10), B = M, all steps."""
+        paper = {
+            'criterion': 'plug_in',
+            'standardize': False,
+            'max_time_bins': None,
+            'tuning_window': 0,
+            'num_centers': None,
+        }
+        return cls(num_features, **(paper | options))
+
+    def permutation_test(
+        self, episodes, names: Sequence[str] | None = None, *, n_permutations: int = 99
+    ) -> PermutationTest:
+        """Test whether the return depends on any single sensor.
+
+        The statistic is the score of the best sensor, the first of a forward selection. All
+        trajectories of states change places between the episodes, as wholes and all channels
+        together; the rewards stay. If the return is independent of the states, all of that is
+        equally likely, and the p-value is uniform on 1/(n + 1), 2/(n + 1), ..., 1. With
+        unequal lengths, which `permutation.exchange` copes with, that holds if the length is
+        independent of the states too. The selector need not be fitted, and stays as it is.
+
+        Parameters
+        ----------
+        episodes, names
+            As of `fit`.
+        n_permutations : int
+            Each costs one round of the search; the p-value is at least 1 / (n_permutations + 1).
+
+        Returns
+        -------
+        PermutationTest
+            `statistic`, `pvalue`, `null_distribution`.
+
+        Raises
+        ------
+        ValueError
+            If a parameter or the data are not as described; the message names the value.
+
+        """
+        episodes, names, _, sensors = self._checked(episodes, names)
+        if n_permutations < 1:
+            raise ValueError(f'n_permutations is {n_permutations}; expected at least 1')
+        self._check_parameters()
+        bins = 32 if self.max_time_bins == 'auto' else self.max_time_bins
+        return permutation_test(
+            lambda data: self._criterion(self._samples(data), bins),
+            episodes,
+            sensors,
+            n_permutations,
+            self.random_state,
+        )
+
+    def _rank(self, episodes, names, sensors):
+        self._check_parameters()
+        num_episodes = len(episodes)
+        episodes = unique_episodes(episodes)
+        self.num_duplicates_ = num_episodes - len(episodes)
+        if len(episodes) < 2:
+            raise ValueError(
+                f'all {num_episodes} episodes are alike; expected at least 2 to compare'
+            )
+        samples = self._samples(episodes)
+        if self.criterion == 'plug_in':
+            bins = 32 if self.max_time_bins == 'auto' else self.max_time_bins
+            self._keep_evidence([], np.empty((0, 3)))
+            return self._rank_by_score(self._criterion(samples, bins), sensors)
+        varying = np.ptp(samples.states, axis=0) > 0
+        live = [i for i, sensor in enumerate(sensors) if varying[list(sensor)].any()]
+        dead = [i for i in range(len(sensors)) if i not in live]
+        if self.num_features is not None and self.num_features > len(live):
+            raise ValueError(
+                f'num_features is {self.num_features}, but only {len(live)} sensors ever change: '
+                f'constant are {", ".join(names[sensors[i][0]] for i in dead)}'
+            )
+        living = [tuple(c for c in sensors[i] if varying[c]) for i in live]
+        bins = self._choose_bins(samples, living)
+        samples = samples.with_channels(standardized(samples.owner[:, None].astype(float)))
+        age = samples.states.shape[1] - 1
+        test = ConditionalTest(samples, self.random_state)
+        criterion = self._criterion(samples, bins)
+        background = [age] if test((age,), ()) <= _DRIFT_LEVEL else []
+        search = StepwiseSelection(
+            criterion,
+            test,
+            living,
+            significance=self.significance,
+            background=background,
+            progress=self._progress,
+        )
+        if self.direction == 'forward':
+            found = search.confirmed()
+        else:
+            found = search.tested(self._backward(criterion, living))
+        if self.num_features is None:
+            num_selected = len(found)
+            others = search.listed(found)
+            before = [found[:i] for i in range(num_selected)] + [found] * len(others)
+        else:
+            num_selected = self.num_features
+            found = found[:num_selected]
+            others = search.ranked(found, num_selected - len(found))
+            before = [[*found, *others][:i] for i in range(num_selected)]
+        findings = [*found, *others]
+        null = null_scores(
+            lambda extended: self._criterion(extended, bins),
+            samples,
+            [channel for sensor in living for channel in sensor],
+            [[*background, *(c for f in rest for c in f.channels)] for rest in before],
+            np.random.default_rng([self.random_state, 3]),
+        )
+        findings = [f._replace(sensor=live[f.sensor]) for f in findings]
+        if self.num_features is None and dead:
+            score = found[-1].score if found else 0.0
+            findings += [Finding(i, sensors[i], score) for i in dead]
+            null = np.vstack([null, np.full((len(dead), 3), score)])
+        self._keep_evidence(findings, null)
+        return Ranking([f.sensor for f in findings], [f.score for f in findings], num_selected)
+
+    def _keep_evidence(self, findings: list[Finding], null: np.ndarray) -> None:
+        self.pvalues_ = np.array([finding.pvalue for finding in findings])
+        self.statuses_ = [
+            CONFIRMED if p <= self.significance else (REJECTED if p >= 1 else TENTATIVE)
+            for p in self.pvalues_
+        ]
+        self.null_scores_ = null
+        self.spoke_by_ = [finding.channels for finding in findings]
+
+    def _backward(self, criterion, sensors):
+        """Return what backward elimination leaves where the score is greatest."""
+        ranking, scores = backward_elimination(criterion, sensors)
+        return ranking[: int(np.argmax(scores)) + 1]
+
+    def _choose_bins(self, samples, sensors):
+        """Return the number of time bins by which the score is greater."""
+        if self.max_time_bins != 'auto':
+            return self.max_time_bins
+        units = [(channel,) for sensor in sensors for channel in sensor]
+        tried = min(_NUM_TRIED, len(units))
+        best = {
+            bins: max(forward_selection(self._criterion(samples, bins), units, tried)[1], default=0)
+            for bins in (1, 32)
+        }
+        pools = best[1] > _POOLING_FACTOR * max(best[32], 0.0) + _POOLING_MARGIN
+        return 1 if pools else 32
+
+    def _check_parameters(self):
+        bins = self.max_time_bins
+        if bins is not None and bins != 'auto' and (isinstance(bins, str) or bins < 1):
+            raise ValueError(
+                f"max_time_bins is {bins!r}; expected at least 1, None for no bins, or 'auto'"
+            )
+        if self.tuning_window < 0:
+            raise ValueError(f'tuning_window is {self.tuning_window}; expected at least 0')
+        if not 0 < self.significance < 1:
+            raise ValueError(f'significance is {self.significance}; expected 0 < significance < 1')
+        if self.n_jobs < 1:
+            raise ValueError(f'n_jobs is {self.n_jobs}; expected at least 1')
+
+    def _samples(self, episodes) -> Samples:
+        return collect_samples(episodes, gamma=self.gamma, standardize=self.standardize)
+
+    def _criterion(self, samples: Samples, bins: int | None) -> ConditionalMI:
+        is_default = self.criterion == 'held_out'
+        estimator = Lsmi(
+            criterion=self.criterion,
+            num_centers=self.num_centers,
+            **({'widths': _WIDTHS} if is_default else {}),
+        )
+        steps = split_by_step(
+            samples,
+            max_time_bins=bins,
+            num_folds=estimator.num_folds,
+            num_centers=self.num_centers,
+            random_state=self.random_state,
+            max_samples=_MAX_SAMPLES if is_default else None,
+        )
+        return ConditionalMI(steps, estimator, tuning_window=self.tuning_window, n_jobs=self.n_jobs)

@@ -1,0 +1,50 @@
+"""The rival: kernel dimension reduction."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from .kdr import KDR
+from .sensor_selector import SensorSelector, channel_index
+
+
+class KDRSelector(SensorSelector):
+    """Select the sensors that the target channels depend on one step later.
+
+    The method that Hachiya & Sugiyama (2010) compare theirs with; see `KDR`. It does not look
+    at the rewards: it is told the channels that they depend on directly. Its attributes are
+    those of `SensorSelector`.
+
+    Parameters
+    ----------
+    num_features : int, optional
+        How many sensors to select. None ranks and selects all: one more sensor explains the
+        target better, or seems to, so the criterion has no maximum to stop at.
+    target : str, int, or sequence of these
+        The channels that the reward depends on directly: names or indices.
+    direction, groups
+        As of `ConditionalMISelector`.
+    random_state : int
+        Seed of the samples that the kernel width is computed from, where there are very many.
+
+    """
+
+    def __init__(
+        self,
+        num_features: int | None = None,
+        *,
+        target: str | int | Sequence[str | int],
+        direction: str = 'forward',
+        groups: Mapping[str, Sequence[str | int]] | None = None,
+        random_state: int = 0,
+    ):
+        super().__init__(num_features, direction, groups, random_state)
+        self.target = target
+
+    def _rank(self, episodes, names, sensors):
+        target = [self.target] if isinstance(self.target, str | int) else self.target
+        if len(target) == 0:
+            raise ValueError(f'target is {self.target!r}; expected at least one channel')
+        indices = [channel_index(names, channel, 'target') for channel in target]
+        criterion = KDR(episodes, indices, random_state=self.random_state)
+        return self._rank_by_score(criterion, sensors)

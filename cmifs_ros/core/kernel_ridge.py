@@ -1,0 +1,82 @@
+"""Kernel ridge regression on a few channels, its width and penalty by cross-validation."""
+
+from __future__ import annotations
+
+import numpy as np
+
+#: Kernel widths, in standard deviations of a channel times the root of their number.
+_WIDTHS = (0.3, 0.6, 1.2, 2.4, 5.0)
+_PENALTIES = np.logspace(-5, 1, 13)
+
+
+class KernelRidge:
+    """Regress any number of targets on the same points.
+
+    The model is a sum of Gaussians around some points, a linear function and a constant, all
+    penalised (Rifkin, Yeo & Poggio, Regularized least-squares classification, 2003). One
+    eigendecomposition a fold and width serves all penalties and targets.
+
+    Parameters
+    ----------
+    points : numpy.ndarray, shape (N, d)
+        Channels of mean 0 and variance 1.
+    centers : numpy.ndarray of int
+        Indices of the points that carry a Gaussian.
+    folds : numpy.ndarray of int, shape (N,)
+        Cross-validation fold of each point; those of one episode share it.
+
+    """
+
+    def __init__(self, points: np.ndarray, centers: np.ndarray, folds: np.ndarray):
+        distances = squared_distances(points, points[centers])
+        rest = np.column_stack([points, np.ones(len(points))])
+        self._folds = [np.flatnonzero(folds == k) for k in range(folds.max() + 1)]
+        self._features = [
+            np.hstack([np.exp(distances / (-2 * width**2 * points.shape[1])), rest])
+            for width in _WIDTHS
+        ]
+        self._spectra = [self._decompose(features) for features in self._features]
+
+    def _decompose(self, features):
+        """Return the eigenvalues and vectors of the Gram matrices without each fold, and of all."""
+        grams = [features[fold].T @ features[fold] for fold in self._folds]
+        total = sum(grams)
+        sizes = [len(features) - len(fold) for fold in self._folds]
+        left = [(total - gram) / size for gram, size in zip(grams, sizes, strict=True)]
+        return [np.linalg.eigh(gram) for gram in (*left, total / len(features))]
+
+    def tuned(self, targets: np.ndarray) -> list[tuple[int, int]]:
+        """Return the best width and penalty, as indices, for each of the targets (N, k)."""
+        num_targets = targets.shape[1]
+        errors = np.zeros((len(_WIDTHS), len(_PENALTIES), num_targets))
+        for w, (features, spectra) in enumerate(zip(self._features, self._spectra, strict=True)):
+            moments = [features[fold].T @ targets[fold] for fold in self._folds]
+            total = sum(moments)
+            for fold, moment, (values, vectors) in zip(
+                self._folds, moments, spectra[:-1], strict=True
+            ):
+                projected = vectors.T @ ((total - moment) / (len(features) - len(fold)))
+                shrunk = projected[:, None] / _shrinkage(values, _PENALTIES)[:, :, None]
+                predicted = (features[fold] @ vectors) @ shrunk.reshape(len(values), -1)
+                difference = targets[fold][:, None] - predicted.reshape(len(fold), -1, num_targets)
+                errors[w] += np.einsum('nlk,nlk->lk', difference, difference)
+        best = errors.reshape(-1, num_targets).argmin(axis=0)
+        return [divmod(int(i), len(_PENALTIES)) for i in best]
+
+    def residual(self, targets: np.ndarray, choice: tuple[int, int]) -> np.ndarray:
+        """Return what is left of targets (N, k) after a fit to all points."""
+        w, penalty = choice
+        features, (values, vectors) = self._features[w], self._spectra[w][-1]
+        projected = vectors.T @ (features.T @ targets) / len(features)
+        weights = vectors @ (projected / _shrinkage(values, _PENALTIES[[penalty]]))
+        return targets - features @ weights
+
+
+def squared_distances(points: np.ndarray, centers: np.ndarray) -> np.ndarray:
+    """Return those of points (N, d) to centers (B, d): shape (N, B)."""
+    squares = (points**2).sum(axis=1)[:, None] + (centers**2).sum(axis=1)
+    return np.maximum(squares - 2 * points @ centers.T, 0)
+
+
+def _shrinkage(values: np.ndarray, penalties: np.ndarray) -> np.ndarray:
+    return np.maximum(values, 0)[:, None] + penalties

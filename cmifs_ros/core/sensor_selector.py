@@ -1,0 +1,263 @@
+"""What the selectors share: scikit-learn's manners, the checks, and sensors of several channels."""
+
+from __future__ import annotations
+
+import inspect
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from .episode import Episode, as_episodes
+from .search import (
+    DIRECTIONS,
+    Criterion,
+    Sensor,
+    backward_elimination,
+    channels,
+    forward_selection,
+)
+
+
+class Ranking(NamedTuple):
+    """Sensors in their order with their scores; the first `num_selected` are selected."""
+
+    sensors: list[int]
+    scores: list[float]
+    num_selected: int
+
+
+class SensorSelector(ABC):
+    """What the selectors share: everything but the criterion.
+
+    Attributes
+    ----------
+    ranking_ : numpy.ndarray of int
+        Indices of all sensors that were ranked, best first; without groups, of channels.
+    scores_ : numpy.ndarray, same length
+        The criterion of the first 1, 2, ... sensors of the ranking; no sensor at all scores 0.
+        That of a sensor that was not taken is with all that were.
+    sensor_names_ : tuple of str
+        Names of the sensors that `ranking_` counts.
+    num_features_ : int
+        Number of sensors selected: the first of the ranking.
+    feature_names_in_ : tuple of str
+        Names of the channels.
+
+    """
+
+    def __init__(
+        self,
+        num_features: int | None,
+        direction: str,
+        groups: Mapping[str, Sequence[str | int]] | None,
+        random_state: int,
+    ):
+        self.num_features = num_features
+        self.direction = direction
+        self.groups = groups
+        self.random_state = random_state
+
+    @abstractmethod
+    def _rank(
+        self, episodes: list[Episode], names: tuple[str, ...], sensors: list[Sensor]
+    ) -> Ranking:
+        """Rank the sensors; raise ValueError for a bad parameter."""
+
+    def fit(
+        self,
+        episodes,
+        names: Sequence[str] | None = None,
+        *,
+        progress: Callable[[float], None] = lambda fraction: None,
+    ) -> SensorSelector:
+        """Rank the sensors and select the best.
+
+        Parameters
+        ----------
+        episodes : iterable of Episode, or a pair of arrays of shapes (M, N, v) and (M, N)
+            At least 2 episodes.
+        names : sequence of str, optional
+            One name for each channel; x0, x1, ... by default.
+        progress : callable
+            Told, as sensors are found, a fraction that grows towards 1: how many there will be
+            is not known.
+
+        Raises
+        ------
+        ValueError
+            If a parameter or the data are not as described; the message names the value.
+
+        """
+        self._progress = progress
+        episodes, names, sensor_names, sensors = self._checked(episodes, names)
+        if self.num_features is not None and not 1 <= self.num_features <= len(sensors):
+            raise ValueError(
+                f'num_features is {self.num_features}; expected 1 to {len(sensors)}, '
+                'the number of sensors, or None'
+            )
+        if self.direction not in DIRECTIONS:
+            raise ValueError(
+                f'direction is {self.direction!r}; expected one of {", ".join(DIRECTIONS)}'
+            )
+
+        ranking = self._rank(episodes, names, sensors)
+        self.feature_names_in_ = names
+        self.sensor_names_ = sensor_names
+        self.ranking_ = np.array(ranking.sensors, dtype=int)
+        self.scores_ = np.array(ranking.scores)
+        self.num_features_ = ranking.num_selected
+        self._support = np.array(
+            channels(sensors, ranking.sensors[: ranking.num_selected]), dtype=int
+        )
+        return self
+
+    def get_support(self, indices: bool = False) -> np.ndarray:
+        """Return the selected channels.
+
+        Parameters
+        ----------
+        indices : bool
+            True gives their indices, best sensor first; False a mask of shape (v,).
+
+        """
+        self._check_fitted()
+        if indices:
+            return self._support.copy()
+        mask = np.zeros(len(self.feature_names_in_), dtype=bool)
+        mask[self._support] = True
+        return mask
+
+    def transform(self, states: np.ndarray) -> np.ndarray:
+        """Return the selected channels of states (..., v), best sensor first: (..., k)."""
+        self._check_fitted()
+        states = np.asarray(states)
+        if states.ndim == 0 or states.shape[-1] != len(self.feature_names_in_):
+            raise ValueError(
+                f'states has shape {states.shape}; expected '
+                f'{len(self.feature_names_in_)} channels along the last axis'
+            )
+        return states[..., self._support]
+
+    def get_feature_names_out(self) -> np.ndarray:
+        """Return the names of the channels that `transform` gives, in its order."""
+        self._check_fitted()
+        return np.array([self.feature_names_in_[i] for i in self._support], dtype=object)
+
+    def fit_transform(self, episodes, names: Sequence[str] | None = None):
+        """Fit, and return the selected channels of each episode's states."""
+        episodes = as_episodes(episodes)
+        self.fit(episodes, names)
+        return [self.transform(episode.states) for episode in episodes]
+
+    def inverse_transform(self, selected: np.ndarray) -> np.ndarray:
+        """Return states (..., v) of selected channels (..., k), 0 where nothing was selected."""
+        self._check_fitted()
+        selected = np.asarray(selected)
+        if selected.ndim == 0 or selected.shape[-1] != len(self._support):
+            raise ValueError(
+                f'selected has shape {selected.shape}; expected '
+                f'{len(self._support)} channels along the last axis'
+            )
+        states = np.zeros((*selected.shape[:-1], len(self.feature_names_in_)))
+        states[..., self._support] = selected
+        return states
+
+    def get_params(self, deep: bool = True) -> dict:
+        """Return the parameters of the constructor by name, as scikit-learn wants them."""
+        return {name: getattr(self, name) for name in inspect.signature(type(self)).parameters}
+
+    def set_params(self, **params) -> SensorSelector:
+        """Set parameters of the constructor by name.
+
+        Raises
+        ------
+        ValueError
+            If there is no such parameter.
+
+        """
+        known = self.get_params()
+        for name, value in params.items():
+            if name not in known:
+                raise ValueError(f'there is no parameter {name!r}; expected {", ".join(known)}')
+            setattr(self, name, value)
+        return self
+
+    def __repr__(self) -> str:
+        """Return the call that makes it, without what is left at its default."""
+        signature = inspect.signature(type(self)).parameters
+        shown = (
+            f'{name}={value!r}'
+            for name, value in self.get_params().items()
+            if value is not signature[name].default and value != signature[name].default
+        )
+        return f'{type(self).__name__}({", ".join(shown)})'
+
+    def _checked(self, episodes, names):
+        """Return the episodes, the names of channels and of sensors, and the sensors."""
+        episodes = as_episodes(episodes)
+        if len(episodes) < 2:
+            raise ValueError('there is 1 episode; expected at least 2 to compare')
+        names = _checked_names(names, episodes[0].num_channels)
+        return episodes, names, *_sensors(names, self.groups or {})
+
+    def _rank_by_score(self, criterion: Criterion, sensors: list[Sensor]) -> Ranking:
+        """Rank by the criterion alone; without a number all are selected."""
+        count = len(sensors) if self.num_features is None else self.num_features
+        if self.direction == 'forward':
+            return Ranking(*forward_selection(criterion, sensors, count), count)
+        return Ranking(*backward_elimination(criterion, sensors), count)
+
+    def _check_fitted(self):
+        if not hasattr(self, 'ranking_'):
+            raise RuntimeError('the selector is not fitted yet; call fit() first')
+
+
+def _checked_names(names: Sequence[str] | None, num_channels: int) -> tuple[str, ...]:
+    if names is None:
+        return tuple(f'x{i}' for i in range(num_channels))
+    names = tuple(names)
+    if len(names) != num_channels:
+        raise ValueError(f'there are {len(names)} names; expected {num_channels}, one a channel')
+    for name in names:
+        if not name or names.count(name) > 1:
+            raise ValueError(f'channel name {name!r} is empty or repeated; expected distinct names')
+    return names
+
+
+def channel_index(names: tuple[str, ...], channel: str | int, where: str) -> int:
+    """Return the index of a channel given by name or index; the error says where it is named."""
+    index = names.index(channel) if channel in names else channel
+    if not isinstance(index, int) or not 0 <= index < len(names):
+        raise ValueError(f'{where} names channel {channel!r}; expected one of {", ".join(names)}')
+    return index
+
+
+def _sensors(
+    names: tuple[str, ...], groups: Mapping[str, Sequence[str | int]]
+) -> tuple[tuple[str, ...], list[Sensor]]:
+    """Return the names and the channels of all sensors, in the order of their first channels."""
+    grouped: dict[int, str] = {}
+    sensors: dict[str, Sensor] = {}
+    for group, members in groups.items():
+        indices = []
+        for member in members:
+            index = channel_index(names, member, f'group {group!r}')
+            if index in grouped:
+                raise ValueError(
+                    f'channel {names[index]!r} is in the groups {grouped[index]!r} and {group!r}; '
+                    'expected one group'
+                )
+            grouped[index] = group
+            indices.append(index)
+        if not indices:
+            raise ValueError(f'group {group!r} is empty; expected at least one channel')
+        sensors[group] = tuple(indices)
+    for index, name in enumerate(names):
+        if index not in grouped:
+            if name in sensors:
+                raise ValueError(f'{name!r} names a group and a channel outside it; rename one')
+            sensors[name] = (index,)
+    ordered = sorted(sensors.items(), key=lambda item: min(item[1]))
+    return tuple(name for name, _ in ordered), [channels_ for _, channels_ in ordered]
