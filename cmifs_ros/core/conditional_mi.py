@@ -49,10 +49,16 @@ class ConditionalMI:
         nearness = np.maximum(0, tuning_window + 1 - abs(index[:, None] - index))
         self._window = nearness * self._weights
         self._window /= self._window.sum(axis=1, keepdims=True)
+        self._known: dict[tuple[int, ...], float] = {}
 
     def __call__(self, subsets: Sequence[Sequence[int]]) -> np.ndarray:
-        """Score subsets of channel indices: shape (len(subsets),)."""
-        return self._weights @ self.by_step(subsets) if self._steps else np.zeros(len(subsets))
+        """Score subsets of channel indices: shape (len(subsets),). Each is computed once."""
+        keys = [tuple(sorted(subset)) for subset in subsets]
+        new = [key for key in dict.fromkeys(keys) if key not in self._known]
+        if new:
+            scores = self._weights @ self.by_step(new) if self._steps else np.zeros(len(new))
+            self._known.update(zip(new, scores.tolist(), strict=True))
+        return np.array([self._known[key] for key in keys])
 
     def by_step(self, subsets: Sequence[Sequence[int]]) -> np.ndarray:
         """Score subsets at each step: shape (steps, len(subsets))."""

@@ -199,11 +199,10 @@ class ConditionalMISelector(SensorSelector):
                 f'constant are {", ".join(names[sensors[i][0]] for i in dead)}'
             )
         living = [tuple(c for c in sensors[i] if varying[c]) for i in live]
-        bins = self._choose_bins(samples, living)
         samples = samples.with_channels(standardized(samples.owner[:, None].astype(float)))
         age = samples.states.shape[1] - 1
+        bins, criterion = self._choose_bins(samples, living)
         test = ConditionalTest(samples, self.random_state)
-        criterion = self._criterion(samples, bins)
         background = [age] if test((age,), ()) <= _DRIFT_LEVEL else []
         search = StepwiseSelection(
             criterion,
@@ -257,17 +256,19 @@ class ConditionalMISelector(SensorSelector):
         return ranking[: int(np.argmax(scores)) + 1]
 
     def _choose_bins(self, samples, sensors):
-        """Return the number of time bins by which the score is greater."""
+        """Return the number of time bins by which the score is greater, and the criterion."""
         if self.max_time_bins != 'auto':
-            return self.max_time_bins
+            return self.max_time_bins, self._criterion(samples, self.max_time_bins)
         units = [(channel,) for sensor in sensors for channel in sensor]
         tried = min(_NUM_TRIED, len(units))
+        criteria = {bins: self._criterion(samples, bins) for bins in (1, 32)}
         best = {
-            bins: max(forward_selection(self._criterion(samples, bins), units, tried)[1], default=0)
-            for bins in (1, 32)
+            bins: max(forward_selection(criterion, units, tried)[1], default=0)
+            for bins, criterion in criteria.items()
         }
         pools = best[1] > _POOLING_FACTOR * max(best[32], 0.0) + _POOLING_MARGIN
-        return 1 if pools else 32
+        bins = 1 if pools else 32
+        return bins, criteria[bins]
 
     def _check_parameters(self):
         bins = self.max_time_bins

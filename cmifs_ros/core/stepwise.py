@@ -22,7 +22,7 @@ _MAX_WHOLE = 3
 class Finding(NamedTuple):
     """A sensor, the channels that speak for it, the criterion with them, and its evidence.
 
-    The p-value is corrected for the number of candidates (Bonferroni).
+    The p-value is corrected for the number of candidates that were left (Holm).
     """
 
     sensor: int
@@ -90,7 +90,7 @@ class StepwiseSelection:
         """Return at most `count` of the other sensors by score, each tested given those before."""
         taken = list(chosen)
         while len(taken) < len(chosen) + count and (proposals := self._proposals(taken)):
-            taken.append(self._tested(proposals[0], self._given(taken)))
+            taken.append(self._tested(proposals[0], taken))
         return taken[len(chosen) :]
 
     def listed(self, chosen: Sequence[Finding]) -> list[Finding]:
@@ -98,8 +98,7 @@ class StepwiseSelection:
 
         Those that a test rejects come last: a copy costs less than a sensor that tells a little.
         """
-        given = self._given(chosen)
-        found = [self._tested(proposal, given) for proposal in self._proposals(chosen)]
+        found = [self._tested(proposal, chosen) for proposal in self._proposals(chosen)]
         return sorted(found, key=lambda finding: finding.pvalue >= 1)
 
     def _units(self, sensor: int) -> list[Sensor]:
@@ -126,9 +125,8 @@ class StepwiseSelection:
 
     def _next(self, chosen: list[Finding]) -> list[Finding]:
         """Return the best-scored sensor that has evidence given those chosen, or none."""
-        given = self._given(chosen)
         for proposal in self._proposals(chosen)[:_MAX_TESTS]:
-            found = self._tested(proposal, given)
+            found = self._tested(proposal, chosen)
             if found.pvalue <= self._significance:
                 return [found]
         return []
@@ -141,10 +139,7 @@ class StepwiseSelection:
             return []
         scores = self._criterion([[*self._background, *a.channels, *b.channels] for a, b in pairs])
         best = pairs[int(np.argmax(scores))]
-        found = [
-            self._tested(one, [*self._background, *other.channels], len(pairs))
-            for one, other in (best, best[::-1])
-        ]
+        found = [self._tested(one, [other], len(pairs)) for one, other in (best, best[::-1])]
         return found if max(f.pvalue for f in found) <= self._significance else []
 
     def _without_superfluous(self, chosen: list[Finding], num_candidates: int = 1) -> list[Finding]:
@@ -155,7 +150,7 @@ class StepwiseSelection:
         while chosen:
             given_rest = []
             for finding in chosen:
-                rest = self._given([other for other in chosen if other is not finding])
+                rest = [other for other in chosen if other is not finding]
                 pvalue = self._tested(finding, rest, num_candidates).pvalue
                 given_rest.append(max(pvalue, finding.pvalue if num_candidates == 1 else 0.0))
             weakest = int(np.argmax(given_rest))
@@ -165,9 +160,12 @@ class StepwiseSelection:
         return []
 
     def _tested(
-        self, finding: Finding, given: Sequence[int], num_candidates: int | None = None
+        self, finding: Finding, taken: Sequence[Finding], num_candidates: int | None = None
     ) -> Finding:
-        pvalue = self._test(finding.channels, given) * (num_candidates or self._num_units)
+        """Return the finding with its p-value, corrected for the units that are left."""
+        if num_candidates is None:
+            num_candidates = self._num_units - sum(len(self._units(f.sensor)) for f in taken)
+        pvalue = self._test(finding.channels, self._given(taken)) * num_candidates
         return finding._replace(pvalue=min(1.0, pvalue))
 
     def _scored(self, chosen: list[Finding]) -> list[Finding]:
