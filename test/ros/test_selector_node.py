@@ -137,7 +137,7 @@ def test_state_keeps_flowing_and_nothing_is_lost_while_a_selection_runs(selector
     robot.publish_episodes(rollout('with_gravel', 30, seed=0), names)
     robot.wait_for_episodes(30)
     robot.set_parameter('max_episodes', 1000)
-    robot.set_parameter('num_features', 14)  # so that all is passed on, whatever is found
+    robot.set_parameter('num_features', 2)
     robot.selected.clear()
     robot.arrivals.clear()
 
