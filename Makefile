@@ -7,6 +7,7 @@ PAPER ?=
 BENCHMARK ?=
 GROWTH ?=
 ACCURACY ?=
+EVIDENCE ?=
 ORACLE ?=
 LEARNING ?=
 LOOP ?=
@@ -34,7 +35,7 @@ ENTER := . $(VENV)/bin/activate && { [ ! -f install/setup.bash ] || . install/se
 # In the environment's own Python: a colcon outside of it would build for another one.
 COLCON := python -c 'import sys; from colcon_core.command import main; sys.exit(main())'
 
-.PHONY: help demo test soak paper benchmark growth accuracy oracle learning loop lint build clean
+.PHONY: help demo test soak paper benchmark growth accuracy evidence oracle learning loop lint build clean
 
 help:
 	@echo 'make demo [SCENARIO=with_gravel]  see it at work: simulator, selector, downstream node'
@@ -43,8 +44,8 @@ help:
 	@echo "make paper [PAPER='--trials 6']    recompute the paper's figures into reproduction/"
 	@echo "make benchmark [BENCHMARK='--trials 3']  time and rank sum: direct port, engine, KDR, peers"
 	@echo "make growth [GROWTH='steps']       time and memory over episodes, steps, channels: growth/"
-	@echo "make [REFRESH='--top 14']  what keeping the last selection's tuning would save"
 	@echo "make accuracy [ACCURACY='--trials 6']  rank sums on many tasks from few episodes"
+	@echo "make evidence [EVIDENCE='--trials 6']  how often the right sensors are confirmed, and no others"
 	@echo "make oracle [ORACLE='--trials 6']  the same for one who knows all but one of the channels"
 	@echo "make learning [LEARNING='--trials 4']  what a learner gains by the selection: learning/"
 	@echo "make loop [LOOP='--trials 1']      a learner beside the selector, and without: loop/"
@@ -73,6 +74,9 @@ growth: build
 
 accuracy: build
 	@$(ENTER) && exec python -m studies.accuracy.rank_sums $(ACCURACY)
+
+evidence: build
+	@$(ENTER) && exec python -m studies.accuracy.evidence $(EVIDENCE)
 
 oracle: build
 	@$(ENTER) && exec python -m studies.accuracy.oracle $(ORACLE)

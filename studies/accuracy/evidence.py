@@ -1,0 +1,173 @@
+"""What the evidence promises and keeps: how often the right sensors are confirmed, and no others.
+
+Each row asks one question of one task. `shuffled` stands for the same task with the states of
+other episodes, where nothing is relevant.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from cmifs_ros.tools.arguments import number_from
+from cmifs_ros.tools.program import StudyError, exit_code
+from studies.methods import METHODS
+from studies.parallel_trials import finish
+from studies.tables import markdown_table
+from studies.tasks import TASKS, what_is_missing
+from studies.trial_log import TrialLog
+from studies.trials import Trial
+
+#: Whether a trial shows what is asked for, from the names that were selected, in their order,
+#: and those that are relevant.
+Question = Callable[[list[str], set[str]], bool]
+
+
+def exactly(selected: list[str], relevant: set[str]) -> bool:
+    """All that is relevant and nothing else."""
+    return set(selected) == relevant
+
+
+def are_first(selected: list[str], relevant: set[str]) -> bool:
+    """All that is relevant, before anything else."""
+    return set(selected[: len(relevant)]) == relevant
+
+
+def all_found(selected: list[str], relevant: set[str]) -> bool:
+    """All that is relevant, whatever else."""
+    return relevant <= set(selected)
+
+
+def one_of_a_pair(selected: list[str], relevant: set[str]) -> bool:
+    """Either x or its copy, and the weaker sensor y."""
+    return len({'x', 'copy'} & set(selected)) == 1 and 'y' in selected
+
+
+def anything(selected: list[str], relevant: set[str]) -> bool:
+    """Any sensor at all."""
+    return bool(selected)
+
+
+def anything_else(selected: list[str], relevant: set[str]) -> bool:
+    """Something that is not relevant."""
+    return bool(set(selected) - relevant)
+
+
+class Row(NamedTuple):
+    """A question, with the share of trials that is asked for."""
+
+    task: str
+    episodes: int
+    question: Question
+    asked: str
+    method: str = 'automatic'
+
+
+ROWS = (
+    Row('point_robot', 60, are_first, '>= 90 %'),
+    Row('point_robot', 60, are_first, 'to compare', 'forest'),
+    Row('lidar_world', 80, all_found, '>= 80 %'),
+    Row('lidar_world', 80, anything_else, '<= 5 %'),
+    Row('without_gravel', 100, exactly, '>= 85 %'),
+    Row('with_gravel', 100, exactly, '>= 95 %'),
+    Row('chain', 60, exactly, '>= 80 %'),
+    Row('cart_pole', 60, exactly, '>= 80 %'),
+    Row('pendulum', 60, exactly, '>= 80 %'),
+    Row('copy', 60, one_of_a_pair, '>= 90 %'),
+    Row('noisy_copy', 60, one_of_a_pair, '>= 90 %'),
+    Row('two_switches', 60, exactly, '>= 90 %'),
+    Row('wild_readings', 60, all_found, '>= 90 %'),
+    Row('one_wild_reading', 60, all_found, '>= 90 %'),
+    Row('one_of_twelve', 60, all_found, '>= 90 %'),
+    Row('twelve_of_noise', 60, anything_else, '<= 10 %'),
+    Row('dead_channel', 60, exactly, '>= 90 %'),
+    Row('beside', 60, anything_else, '<= 7 % each'),
+    Row('drift', 60, anything, '<= 5 %'),
+    *(Row('independent_noise', episodes, anything, '<= 5 %') for episodes in (6, 10, 15)),
+    *(
+        Row(task, episodes, anything, '<= 5 %', 'automatic_shuffled')
+        for task, episodes in (
+            *(('point_robot', 60), ('lidar_world', 80), ('without_gravel', 100)),
+            *(('with_gravel', 100), ('chain', 60), ('cart_pole', 60), ('pendulum', 60)),
+        )
+    ),
+)
+
+
+def run(options: argparse.Namespace) -> None:
+    """Run the trials, then print the table."""
+    try:
+        log = TrialLog(options.log)
+    except (OSError, ValueError) as error:
+        raise StudyError(str(error)) from error
+    missing = {task: what_is_missing(task) for task in dict.fromkeys(row.task for row in ROWS)}
+    for task, hint in missing.items():
+        if hint:
+            print(f'{task}: {hint}')
+    rows = [row for row in ROWS if not missing[row.task]]
+    numbers = range(options.trials)
+    wanted = dict.fromkeys(
+        Trial(row.task, row.method, row.episodes, number, options.first_seed + number)
+        for row in rows
+        for number in numbers
+    )
+    results = finish(list(wanted), log, options.jobs)
+    last = options.first_seed + options.trials - 1
+    print(f'\n{options.trials} trials, seeds {options.first_seed} to {last}.\n')
+    table = []
+    for row in rows:
+        task = TASKS[row.task]
+        relevant = {task.sensor_names[i] for i in task.relevant}
+        outcomes = results.of(row.task, row.method, row.episodes)
+        answers = [
+            row.question([task.sensor_names[i] for i in outcome.ranking], relevant)
+            for outcome in outcomes
+        ]
+        share = np.mean(answers)
+        error = np.sqrt(share * (1 - share) / len(answers))
+        table.append(
+            (
+                row.task + ', shuffled' * (row.method == 'automatic_shuffled'),
+                row.episodes,
+                row.question.__doc__.rstrip('.'),
+                METHODS[row.method] if row.method == 'forest' else 'ours',
+                row.asked,
+                f'{share:.0%} ± {error:.0%}',
+                f'{np.median([outcome.seconds for outcome in outcomes]):.1f}',
+            )
+        )
+    head = ('task', 'episodes', 'selected', 'by', 'asked', 'found in', 'seconds')
+    print(markdown_table(head, table), end='')
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the study; return the exit code."""
+    parser = argparse.ArgumentParser(
+        prog='evidence', description=' '.join(__doc__.split()), allow_abbrev=False
+    )
+    parser.add_argument('--trials', type=number_from(1), default=50, help='default 50')
+    parser.add_argument(
+        '--first-seed',
+        type=number_from(0),
+        default=1000,
+        help='trial i has the seed FIRST_SEED + i (default 1000)',
+    )
+    parser.add_argument('--jobs', type=number_from(1), help='processes (default: one a core)')
+    parser.add_argument(
+        '--log',
+        type=Path,
+        metavar='FILE',
+        help='CSV file of the trials; those that it holds are not run again',
+    )
+    options = parser.parse_args(arguments)
+    kept = 'the same command continues where it stopped' if options.log else 'nothing is kept'
+    return exit_code('evidence', lambda: run(options), kept)
+
+
+if __name__ == '__main__':
+    sys.exit(main())
