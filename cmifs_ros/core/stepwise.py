@@ -83,7 +83,7 @@ class StepwiseSelection:
 
     def tested(self, sensors: Sequence[int]) -> list[Finding]:
         """Return those of the sensors, each whole, that have evidence given the others."""
-        chosen = [Finding(i, self._sensors[i], 0.0) for i in sensors]
+        chosen = [Finding(i, self._sensors[i], 0.0, pvalue=0.0) for i in sensors]
         return self._scored(self._without_superfluous(chosen, num_candidates=self._num_units))
 
     def ranked(self, chosen: Sequence[Finding], count: int) -> list[Finding]:
@@ -145,19 +145,23 @@ class StepwiseSelection:
     def _without_superfluous(self, chosen: list[Finding], num_candidates: int = 1) -> list[Finding]:
         """Remove what has no evidence given the rest, the weakest first.
 
-        What was found among many candidates is not one of many any more.
+        What was found among many candidates is not one of many any more: its p-value is that of
+        then, unless the greater one is that given the rest.
         """
+        given_rest: list[float] = []
         while chosen:
-            given_rest = []
-            for finding in chosen:
-                rest = [other for other in chosen if other is not finding]
-                pvalue = self._tested(finding, rest, num_candidates).pvalue
-                given_rest.append(max(pvalue, finding.pvalue if num_candidates == 1 else 0.0))
+            given_rest = [
+                self._tested(f, [g for g in chosen if g is not f], num_candidates).pvalue
+                for f in chosen
+            ]
             weakest = int(np.argmax(given_rest))
             if given_rest[weakest] <= self._significance:
-                return [f._replace(pvalue=p) for f, p in zip(chosen, given_rest, strict=True)]
+                break
             chosen = [finding for i, finding in enumerate(chosen) if i != weakest]
-        return []
+        return [
+            finding._replace(pvalue=max(pvalue, finding.pvalue))
+            for finding, pvalue in zip(chosen, given_rest[: len(chosen)], strict=True)
+        ]
 
     def _tested(
         self, finding: Finding, taken: Sequence[Finding], num_candidates: int | None = None

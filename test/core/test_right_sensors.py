@@ -1,0 +1,86 @@
+"""Small worlds in which the truth is known: the selector finds it, by default and by itself."""
+
+import pytest
+
+from cmifs_ros.core import ConditionalMISelector
+from studies.synthetic import WORLDS, rollout_synthetic
+
+SEEDS = range(3)
+
+
+def fitted(world, num_episodes, seed, **settings):
+    selector = ConditionalMISelector(groups=WORLDS[world].groups, random_state=seed, **settings)
+    return selector.fit(
+        rollout_synthetic(world, num_episodes, seed), names=WORLDS[world].channel_names
+    )
+
+
+def ranked(selector):
+    return [selector.sensor_names_[i] for i in selector.ranking_]
+
+
+def selected(selector):
+    return ranked(selector)[: selector.num_features_]
+
+
+@pytest.mark.parametrize(
+    'world',
+    [
+        'copy',
+        'noisy_copy',
+        'dead_channel',
+        'two_switches',
+        'wild_readings',
+        'one_wild_reading',
+        'one_of_twelve',
+        'twelve_of_noise',
+        'beside',
+        'drift',
+    ],
+)
+def test_what_is_selected_is_what_is_relevant(world):
+    relevant = set(WORLDS[world].relevant)
+    copies = {'copy': 'x'} if 'copy' in WORLDS[world].channel_names else {}
+    found = [[copies.get(n, n) for n in selected(fitted(world, 60, seed))] for seed in SEEDS]
+    right = [sorted(names) == sorted(relevant) for names in found]
+    assert sum(right) >= 2, found
+
+
+@pytest.mark.parametrize('seed', [0, 1])
+def test_an_ordinary_robot_is_understood_from_60_episodes(seed):
+    selector = fitted('point_robot', 60, seed)
+    relevant = {'x', 'y', 'battery'}
+    assert set(ranked(selector)[:3]) == relevant
+    assert relevant <= set(selected(selector)) <= relevant | {'vx', 'vy'}
+
+
+def test_copies_come_after_what_tells_a_little():
+    for seed in SEEDS:
+        ranking = ranked(fitted('copy', 60, seed))
+        assert {'x', 'copy'} & set(ranking[:1])
+        assert ranking[1] == 'y'
+
+
+def test_a_wanted_number_is_met_with_the_best_so_far():
+    selector = fitted('dead_channel', 60, 0, num_features=4)
+    assert ranked(selector)[:2] == ['x', 'y']
+    assert len(selected(selector)) == 4
+    assert 'dead' not in selected(selector)
+    assert selector.statuses_[:2] == ['confirmed', 'confirmed']
+    assert set(selector.statuses_[2:]) <= {'tentative', 'rejected'}
+
+
+def test_scores_of_what_tells_nothing_lie_below_those_of_what_is_confirmed():
+    selector = fitted('copy', 60, 0)
+    low, median, high = selector.null_scores_.T
+    assert (low <= median).all()
+    assert (median <= high).all()
+    num = selector.num_features_
+    assert (selector.scores_[:num] > high[:num]).all()
+    assert (selector.pvalues_[:num] <= selector.significance).all()
+
+
+def test_the_channel_that_speaks_for_a_group_is_named():
+    selector = fitted('one_of_twelve', 60, 0)
+    spoke = dict(zip(ranked(selector), selector.spoke_by_, strict=True))
+    assert spoke['scan'] == (0,)
