@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import signal
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import closing, contextmanager
+from typing import TypeVar
 
 import joblib
 from tqdm import tqdm
@@ -13,7 +14,9 @@ from tqdm import tqdm
 from cmifs_ros.tools.program import StudyError
 
 from .trial_log import TrialLog
-from .trials import Outcome, Results, Trial, run_trial
+from .trials import Results, Trial, run_trial
+
+T = TypeVar('T')
 
 #: Ubuntu 24.04's joblib 1.3 gives results in order only: a row then waits for those before it.
 IS_OLD_JOBLIB = tuple(map(int, joblib.__version__.split('.')[:2])) < (1, 4)
@@ -44,19 +47,25 @@ def backend(scheduler: str | None) -> Iterator[None]:
         yield
 
 
-def run_trials(trials: Sequence[Trial], jobs: int | None) -> Iterator[Outcome]:
-    """Return an iterator over the outcomes in the order in which they are ready."""
+@contextmanager
+def results_of(
+    function: Callable[..., T], arguments: Iterable[tuple], jobs: int | None = None
+) -> Iterator[Iterator[T]]:
+    """Give an iterator over the results of many calls, in the order in which they are ready."""
     parallel = joblib.Parallel(
         n_jobs=jobs or -1,
         batch_size=1,
         return_as='generator' if IS_OLD_JOBLIB else 'generator_unordered',
     )
-    # A terminal's Ctrl-C reaches the workers too; they inherit that they ignore it.
+    # A terminal's Ctrl-C reaches the workers too; they inherit that they ignore it. A blocked one
+    # would not be lost meanwhile, but loky unblocks it.
     handler = signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
-        return parallel(joblib.delayed(run_trial)(trial) for trial in trials)
+        results = parallel(joblib.delayed(function)(*each) for each in arguments)
     finally:
         signal.signal(signal.SIGINT, handler)
+    with closing(results):
+        yield results
 
 
 def finish(
@@ -85,7 +94,7 @@ def finish(
         done = len(trials) - len(missing)
         with (
             backend(scheduler),
-            closing(run_trials(missing, jobs)) as outcomes,
+            results_of(run_trial, ((trial,) for trial in missing), jobs) as outcomes,
             tqdm(total=len(trials), initial=done, file=sys.stdout, disable=None) as bar,
         ):
             for outcome in outcomes:

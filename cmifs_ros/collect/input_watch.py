@@ -138,7 +138,7 @@ class InputWatch:
                 'WARN',
                 'parts',
                 f'states of different channels take turns: those of {listed(reader.channel_names)} '
-                f'are taken, as they came first, and those that differ by '
+                f'are taken, as they had the stamp of the first reward, and those that differ by '
                 f'{listed(reader.last_foreign)} are not; publish whole states, or merge the parts '
                 'with the sampler',
             )

@@ -17,7 +17,7 @@ _UNSEEN = 64
 
 
 class StateReader:
-    """Take states by the names of their channels; those of the first usable state are the known.
+    """Take states by the names of their channels.
 
     An infinite value is a reading out of range, as a lidar gives it (REP 117): in the place of
     +inf stands `inf_value`, of -inf the least value that the channel had so far. A NaN is a gap:
@@ -31,7 +31,7 @@ class StateReader:
     Attributes
     ----------
     channel_names : tuple of str or None
-        Later states must carry the same ones, in any order.
+        States must carry these, in any order; to be set before the first is read.
     max_hold_steps : int
         States in a row for which a gap is bridged; 0: none.
     inf_value : float
@@ -73,7 +73,7 @@ class StateReader:
     def read(self, names: list[str], values: array) -> array | None:
         """Return the values in the order of the channels, or None if they cannot be used."""
         if len(names) != len(values) or not names:
-            self._drop('wrong_length', f'a state has {len(values)} values for {len(names)} names')
+            self._drop(*problem_of_state(names, values))
             return None
         if names != self._layout and not self._learn_layout(names):
             return None
@@ -91,23 +91,18 @@ class StateReader:
             self._unseen.append(values)
             if len(self._unseen) >= _UNSEEN:
                 self._widen_bounds()
-        if self.channel_names is None:
-            self.channel_names = tuple(names)
         self._last = values
         return values
 
     def _learn_layout(self, names: list[str]) -> bool:
         """Take the names of a state whose successors mostly have the same, in the same order."""
         columns = None
-        if self.channel_names is None:
-            problem = problem_of_names(names)
-            if problem:
-                self._drop('wrong_channels', f'a state has {problem}')
-                return False
-            self.clear()  # What was seen so far had other channels, and was of no use.
-        elif tuple(names) != self.channel_names:
+        if tuple(names) != self.channel_names:
             if len(names) != len(self.channel_names) or set(names) != set(self.channel_names):
-                odd = sorted(set(names) ^ set(self.channel_names)) or ['a repeated name']
+                known = set(self.channel_names)
+                odd = (
+                    sorted(set(names) - known) or sorted(known - set(names)) or ['a repeated name']
+                )
                 self.num_switches += not self.foreign
                 self.foreign, self.last_foreign = names, odd
                 self._drop(
@@ -159,6 +154,14 @@ class StateReader:
             least, greatest = np.fmin(least, self._bounds[0]), np.fmax(greatest, self._bounds[1])
         self._bounds = least, greatest
         return self._bounds
+
+
+def problem_of_state(names: Sequence[str], values: Sequence[float]) -> tuple[str, str] | None:
+    """Return the cause and a sentence if a state is of no use whatever the channels are."""
+    if len(names) != len(values) or not names:
+        return 'wrong_length', f'a state has {len(values)} values for {len(names)} names'
+    problem = problem_of_names(names)
+    return ('wrong_channels', f'a state has {problem}') if problem else None
 
 
 def problem_of_names(names: Sequence[str]) -> str:

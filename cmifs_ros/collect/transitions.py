@@ -8,17 +8,19 @@ from __future__ import annotations
 
 from array import array
 from collections import Counter
-from itertools import takewhile
+from itertools import chain, takewhile
 from typing import NamedTuple
 
 import numpy as np
 
 from cmifs_ros.core import Episode
 
-from .state_reader import StateReader
+from .state_reader import StateReader, listed, problem_of_state
 
 #: States or rewards that wait for their partner; as many as the subscriptions queue.
 MAX_PENDING = 1000
+#: Sets of channels with which states may come before the first reward.
+MAX_LAYOUTS = 8
 
 
 class RewardSample(NamedTuple):
@@ -81,6 +83,10 @@ class EpisodeAssembler:
     message sent again or late changes nothing. Step 0 begins an episode; where nothing else tells
     of ends, it ends the one before.
 
+    Several nodes may publish parts of a state, each with channels of its own. The channels are
+    those of the state to which the first reward belongs, whichever part came first; of several
+    with its stamp, those that are most.
+
     Parameters
     ----------
     max_episode_steps : int
@@ -121,6 +127,7 @@ class EpisodeAssembler:
         """Forget the open episode, all that waits, and the channels; keep the counts."""
         self.reader.clear()
         self._states = Waiting()
+        self._first_states: dict[tuple[str, ...], Waiting] = {}  # while no channels are known
         self._rewards = Waiting()
         self._recent: dict[int, Transition] = {}
         self._last_paired: int | None = None
@@ -132,11 +139,11 @@ class EpisodeAssembler:
     @property
     def num_pending(self) -> int:
         """States and rewards that wait for their partner."""
-        return len(self._states) + len(self._rewards)
+        return sum(map(len, (self._states, self._rewards, *self._first_states.values())))
 
     @property
     def channel_names(self) -> tuple[str, ...] | None:
-        """The channels of the first valid state."""
+        """The channels of the first state that had a reward."""
         return self.reader.channel_names
 
     @channel_names.setter
@@ -148,10 +155,11 @@ class EpisodeAssembler:
 
         None if there is no such reward, or no state waits.
         """
-        if not self._rewards or not self._states:
+        if not self._rewards:
             return None
         newest = next(reversed(self._rewards))
-        return min(abs(stamp - newest) for stamp in self._states)
+        stamps = chain(self._states, *self._first_states.values())
+        return min((abs(stamp - newest) for stamp in stamps), default=None)
 
     def add_state(self, stamp: int, names: list[str], values: array) -> list[Episode]:
         """Take a state; return the episodes that it completes.
@@ -165,6 +173,8 @@ class EpisodeAssembler:
             As many as names. Both are kept, not copied: they may not change afterwards.
 
         """
+        if self.channel_names is None:
+            return self._add_first_state(stamp, names, values)
         state = self.reader.read(names, values)
         stamp = self._partner_of(stamp, self._rewards)
         if state is None or not self._is_new(stamp, state, self._states, 'state'):
@@ -178,12 +188,56 @@ class EpisodeAssembler:
         if not self._is_new(stamp, sample, self._rewards, 'reward'):
             return []
         self._rewards.add(stamp, sample)
-        return self._pair(stamp)
+        return self._begin(stamp) if self.channel_names is None else self._pair(stamp)
 
     def drop_message(self, cause: str, what: str, count: int = 1) -> None:
         """Count a message, or several, that cannot be used."""
         self.dropped_messages[cause] += count
         self.last_drops[cause] = what
+
+    def _add_first_state(self, stamp: int, names: list[str], values: array) -> list[Episode]:
+        """Keep a state as long as no reward has told whether its channels are those that count."""
+        problem = problem_of_state(names, values)
+        if problem is not None:
+            self.drop_message(*problem)
+            return []
+        value_of = dict(zip(names, values, strict=True))
+        layout = next((known for known in self._first_states if set(known) == set(names)), None)
+        if layout is None:
+            if len(self._first_states) >= MAX_LAYOUTS:
+                self._drop_first_states(next(iter(self._first_states)), 'state_without_reward')
+            layout = tuple(names)
+            self._first_states[layout] = Waiting()
+        waiting = self._first_states[layout]
+        state = array('d', [value_of[name] for name in layout])
+        if not self._is_new(stamp, state, waiting, 'state'):
+            return []
+        waiting.add(stamp, state)
+        partner = self._partner_of(stamp, self._rewards)
+        return self._begin(partner) if partner in self._rewards else []
+
+    def _begin(self, stamp: int) -> list[Episode]:
+        """Take the channels of the state to which a reward belongs, if it is there."""
+        found = []
+        for layout, waiting in self._first_states.items():
+            partner = self._partner_of(stamp, waiting)
+            if partner in waiting:
+                found.append((-abs(partner - stamp), len(layout), layout))
+        if not found:
+            return []
+        *_, layout = max(found)
+        self.channel_names = layout
+        states = self._first_states.pop(layout)
+        for other in list(self._first_states):
+            self._drop_first_states(other, 'wrong_channels')
+        completed = []
+        for waiting, values in states.items():
+            completed += self.add_state(waiting, list(layout), values)
+        return completed
+
+    def _drop_first_states(self, layout: tuple[str, ...], cause: str) -> None:
+        count = len(self._first_states.pop(layout))
+        self.drop_message(cause, f'no state of {listed(layout)} had the stamp of a reward', count)
 
     def _partner_of(self, stamp: int, waiting: Waiting) -> int:
         """Return the stamp within the tolerance that waits for this one, or else this one."""
@@ -192,7 +246,7 @@ class EpisodeAssembler:
         nearest = min(waiting, key=lambda other: abs(other - stamp))
         return nearest if abs(nearest - stamp) <= self.stamp_tolerance else stamp
 
-    def _is_new(self, stamp: int, content, waiting: dict, what: str) -> bool:
+    def _is_new(self, stamp: int, content, waiting: Waiting, what: str) -> bool:
         """Tell whether a message is none of those already taken, and make room for it."""
         paired = self._recent.get(stamp)
         if stamp in waiting and content != waiting[stamp]:
@@ -204,7 +258,7 @@ class EpisodeAssembler:
         if len(waiting) >= MAX_PENDING:
             oldest = next(iter(waiting))
             if what == 'state':
-                self._discard_state(oldest, 'state_without_reward')
+                self._discard_state(oldest, 'state_without_reward', waiting)
             else:
                 self._discard_reward(oldest, 'reward_without_state')
         return True
@@ -243,8 +297,8 @@ class EpisodeAssembler:
         self.num_transitions += 1
         return self._extend(transition)
 
-    def _discard_state(self, stamp: int, cause: str) -> None:
-        del self._states[stamp]
+    def _discard_state(self, stamp: int, cause: str, waiting: Waiting | None = None) -> None:
+        del (self._states if waiting is None else waiting)[stamp]
         self.drop_message(cause, f'the state at {stamp} ns has no reward or came too late')
 
     def _discard_reward(self, stamp: int, cause: str) -> RewardSample:

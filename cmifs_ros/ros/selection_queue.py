@@ -169,14 +169,15 @@ class SelectionQueue:
         self._give_up(CANCELLED)
         return was_busy
 
-    def stop(self) -> None:
-        """End the worker process at once, and answer those who wait."""
-        self._give_up(STOPPED)
+    def stop(self) -> bool:
+        """End the worker process at once, and answer those who wait; return whether any did."""
+        return self._give_up(STOPPED)
 
-    def _give_up(self, reason: str) -> None:
+    def _give_up(self, reason: str) -> bool:
         self._worker.stop()
         waiting, self._joined, self._waiting = self._joined + self._waiting, [], []
         self._answer(waiting, Outcome(error=reason, is_refusal=True))
+        return bool(waiting)
 
     def _start_next(self) -> None:
         if self.busy or not self._waiting:

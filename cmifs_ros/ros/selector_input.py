@@ -148,12 +148,8 @@ class SelectorInput:
                 self._on_restart()
         else:
             self._num_foreign = 0
-        were_known = self.assembler.channel_names is not None
         stamp = conversions.stamp_to_nanoseconds(msg.header.stamp)
-        for episode in self.assembler.add_state(stamp, names, values):
-            self._on_episode(episode)
-        if not were_known and self.assembler.channel_names is not None:
-            self._on_channels()
+        self._take(self.assembler.add_state, stamp, names, values)
 
     def _take_reward(self, msg: JointState) -> None:
         self._last_at['reward'] = time.monotonic()
@@ -165,8 +161,16 @@ class SelectorInput:
         if not self._is_reward_announced:
             self._is_reward_announced = True
             self._announce(sample)
-        stamp = conversions.stamp_to_nanoseconds(msg.header.stamp)
-        for episode in self.assembler.add_reward(stamp, sample):
+        self._take(
+            self.assembler.add_reward, conversions.stamp_to_nanoseconds(msg.header.stamp), sample
+        )
+
+    def _take(self, add: Callable[..., list[Episode]], *message) -> None:
+        were_known = self.assembler.channel_names is not None
+        episodes = add(*message)
+        if not were_known and self.assembler.channel_names is not None:
+            self._on_channels()
+        for episode in episodes:
             self._on_episode(episode)
 
     def _lost(self, topic: str, count: int) -> None:

@@ -55,6 +55,8 @@ LATCHED_QOS = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 #: Seconds between looks at the worker.
 _POLL_PERIOD = 0.1
+#: Seconds that an answer given at the end has to arrive.
+_LAST_ANSWER = 0.5
 #: Seconds between two lines of how many episodes there are.
 _PROGRESS_PERIOD = 10.0
 
@@ -126,9 +128,11 @@ class SelectorNode(Node):
 
     def destroy_node(self) -> None:
         """End the worker process and the last save, answer who waits, then end the node."""
-        self._queue.stop()
+        has_answered = self._queue.stop()
         if self._saver is not None:
             self._saver.stop()
+        if has_answered:  # What a client has not read yet is lost with this process.
+            time.sleep(_LAST_ANSWER)
         super().destroy_node()
 
     @property

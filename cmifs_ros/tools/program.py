@@ -15,12 +15,17 @@ class StudyError(RuntimeError):
 
 
 def start(module: str) -> int:
-    """Run `main` of a module; return the exit code.
+    """Run `main` of a module; return the exit code."""
+    end_at_signals()
+    return importlib.import_module(module).main()
 
-    Its imports take a second or more: a signal meanwhile ends the process at once, in silence.
+
+def end_at_signals() -> None:
+    """From now on have SIGINT and SIGTERM end the process at once, in silence.
+
+    The imports of a command take a second or more, and what it does has not begun.
     """
     _on_signals(lambda number, _: os._exit(128 + number))
-    return importlib.import_module(module).main()
 
 
 def demo() -> int:

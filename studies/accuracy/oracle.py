@@ -10,7 +10,6 @@ from __future__ import annotations
 import argparse
 import sys
 
-import joblib
 import numpy as np
 
 from cmifs_ros.core import ConditionalMI, Lsmi
@@ -18,6 +17,7 @@ from cmifs_ros.core.samples import step_samples
 from cmifs_ros.tools.arguments import names_among, number_from, numbers_from
 from cmifs_ros.tools.program import exit_code
 from studies.methods import mean_and_error
+from studies.parallel_trials import results_of
 from studies.tables import markdown_table
 from studies.tasks import TASKS, what_is_missing
 
@@ -59,9 +59,9 @@ def run(options: argparse.Namespace) -> None:
             continue
         for num_episodes in options.episodes:
             seeds = range(options.first_seed, options.first_seed + options.trials)
-            found = joblib.Parallel(n_jobs=options.jobs)(
-                joblib.delayed(ranked_higher)(task, num_episodes, seed) for seed in seeds
-            )
+            arguments = ((task, num_episodes, seed) for seed in seeds)
+            with results_of(ranked_higher, arguments, options.jobs) as results:
+                found = list(results)
             for sensor, higher in zip(TASKS[task].relevant, zip(*found, strict=True), strict=True):
                 mean, error = mean_and_error(higher)
                 rows.append((
@@ -102,9 +102,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
         default=1000,
         help='trial i has the seed FIRST_SEED + i (default 1000)',
     )
-    parser.add_argument(
-        '--jobs', type=number_from(1), default=-1, help='processes (default: one a core)'
-    )
+    parser.add_argument('--jobs', type=number_from(1), help='processes (default: one a core)')
     return parser.parse_args(arguments)
 
 

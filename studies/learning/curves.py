@@ -17,7 +17,6 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import NamedTuple
 
-import joblib
 import numpy as np
 from tqdm import tqdm
 
@@ -25,7 +24,7 @@ from cmifs_ros.core import ConditionalMISelector, Episode, KDRSelector
 from cmifs_ros.tools.arguments import names_among, number_from, numbers_from
 from cmifs_ros.tools.program import StudyError, exit_code
 from studies.methods import mean_and_error
-from studies.parallel_trials import IS_OLD_JOBLIB
+from studies.parallel_trials import results_of
 from studies.tables import markdown_table
 from studies.tasks import TASKS, what_is_missing
 
@@ -146,15 +145,11 @@ def run(options: argparse.Namespace) -> None:
         for case in cases
         if (missing := [r for r in options.regressors if (*map(str, case), r) not in done])
     ]
-    parallel = joblib.Parallel(
-        n_jobs=options.jobs,
-        batch_size=1,
-        return_as='generator' if IS_OLD_JOBLIB else 'generator_unordered',
-    )
-    results = parallel(
-        joblib.delayed(run_case)(case, missing, options.first_seed) for case, missing in todo
-    )
-    with options.out.open('a', newline='') as file:
+    arguments = ((case, missing, options.first_seed) for case, missing in todo)
+    with (
+        options.out.open('a', newline='') as file,
+        results_of(run_case, arguments, options.jobs) as results,
+    ):
         for result in tqdm(results, total=len(todo), file=sys.stdout, disable=None):
             csv.writer(file, lineterminator='\n').writerows(result)
             file.flush()
@@ -183,9 +178,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     )  # fmt: skip
     parser.add_argument('--trials', type=number_from(1), default=20, help='default 20')
     parser.add_argument('--first-seed', type=number_from(0), default=0, help='default 0')
-    parser.add_argument(
-        '--jobs', type=number_from(1), default=-1, help='processes (default: one a core)'
-    )
+    parser.add_argument('--jobs', type=number_from(1), help='processes (default: one a core)')
     parser.add_argument(
         '--out', type=Path, default=Path('learning/trials.csv'),
         help='the finished trials; what it holds is not run again (default %(default)s)',

@@ -114,6 +114,17 @@ class Robot:
         while (left := end - time.monotonic()) > 0:
             self.executor.spin_once(left)
 
+    def settled_transitions(self) -> int:
+        """Return how many transitions the selector has once it has taken all that came."""
+        before = None
+        while True:
+            self.diagnostics.clear()
+            self.until(lambda: self.input, 'diagnostics came')
+            now = int(self.input['transitions'])
+            if now == before:
+                return now
+            before = now
+
     def wait_for(self, output: str) -> None:
         """Wait until the node that publishes a topic is there and listens."""
         namespace = output.rpartition('/')[0]

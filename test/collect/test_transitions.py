@@ -3,7 +3,7 @@ from array import array
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from cmifs_ros.collect.transitions import MAX_PENDING, EpisodeAssembler, RewardSample
@@ -171,6 +171,53 @@ def test_an_unusable_state_is_counted_and_disturbs_only_its_episode(names, value
     assert rewards(episodes) == [[0, 1], [4, 5]]
     assert assembler.dropped_messages == {cause: 1, 'reward_without_state': 1}
     assert sum(assembler.dropped_episodes.values()) == 1
+
+
+@given(st.data())
+def test_the_part_of_a_state_that_has_the_rewards_stamps_is_the_state_in_whatever_order(data):
+    assembler = EpisodeAssembler(100)
+    transitions, received = stream([3, 2]), []
+    for number, (stamp, state, sample) in enumerate(transitions):
+        messages = [
+            ('state', stamp, NAMES, state),
+            ('state', stamp - 3, ['gripper'], array('d', [number])),
+            ('reward', stamp, sample),
+        ]
+        for kind, *message in data.draw(st.permutations(messages)):
+            take = assembler.add_state if kind == 'state' else assembler.add_reward
+            received += take(*message)
+    assert rewards(received) == [[0, 1, 2], [3, 4]]
+    assert assembler.channel_names == tuple(NAMES)
+    assert assembler.dropped_messages == {'wrong_channels': 5}
+
+
+@pytest.mark.parametrize('is_gripper_first', [False, True])
+def test_of_parts_with_one_stamp_the_one_of_most_channels_is_the_state(is_gripper_first):
+    assembler = EpisodeAssembler(100)
+    parts = [(NAMES, state_of(1)), (['gripper'], array('d', [0]))]
+    for part in parts[::-1] if is_gripper_first else parts:
+        assembler.add_state(10, *part)
+    (episode,) = assembler.add_reward(10, sample_of(1, 0, 1))
+    assert episode.states.tolist() == [[1, -1]]
+
+
+def test_before_the_first_reward_states_of_a_few_sets_of_channels_wait():
+    assembler = EpisodeAssembler(100)
+    for number in range(100):
+        assembler.add_state(number, [f'channel {number}'], array('d', [number]))
+    assert assembler.num_pending == 100 - assembler.dropped_messages['state_without_reward'] < 10
+    assert assembler.channel_names is None
+    (episode,) = assembler.add_reward(99, sample_of(0, 0, 1))
+    assert episode.states.tolist() == [[99]]
+
+
+def test_states_in_another_order_of_channels_wait_together_for_the_first_reward():
+    assembler = EpisodeAssembler(100)
+    assembler.add_state(10, ['a', 'b'], array('d', [1, 2]))
+    assembler.add_state(20, ['b', 'a'], array('d', [4, 3]))
+    assembler.add_reward(10, sample_of(0, 0, 2))
+    (episode,) = assembler.add_reward(20, sample_of(1, 1, 2))
+    assert episode.states.tolist() == [[1, 2], [3, 4]]
 
 
 def test_huge_values_are_finite_though_their_sum_is_not():
@@ -451,7 +498,8 @@ def test_whatever_happens_to_the_messages_an_episode_is_as_it_was_sent(data):
     spoil(data, samples, BAD_SAMPLES)
 
     assembler = EpisodeAssembler(limit)
-    assembler.add_state(-1, NAMES, array('d', [0, 0]))
+    if data.draw(st.booleans()):
+        assembler.channel_names = tuple(NAMES)
     received = []
     take_state = data.draw(st.lists(st.booleans(), max_size=len(states) + len(samples)))
     while states or samples:
@@ -465,9 +513,11 @@ def test_whatever_happens_to_the_messages_an_episode_is_as_it_was_sent(data):
         tuple(numbers[i : i + limit]) for numbers, has_ended in sender.episodes
         for i in range(0, len(numbers), limit) if has_ended or i + limit <= len(numbers)
     }  # fmt: skip
+    assume(set(assembler.channel_names or NAMES) == set(NAMES))  # The first pair may be spoiled.
     for episode in received:
         numbers = tuple(int(reward) for reward in episode.rewards)
         assert numbers in pieces
+        value_of = {'a': numbers, 'b': np.negative(numbers)}
         np.testing.assert_array_equal(
-            episode.states, np.column_stack([numbers, np.negative(numbers)])
+            episode.states, np.column_stack([value_of[name] for name in assembler.channel_names])
         )

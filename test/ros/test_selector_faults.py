@@ -41,10 +41,6 @@ def selector(start, robot):
 
 
 def test_a_worker_may_be_killed_again_and_again(selector, robot):
-    robot.publish_episodes(rollout('with_gravel', 30, seed=0), channel_names('with_gravel'))
-    robot.wait_for_episodes(30)
-    assert robot.set_parameter('num_features', 1).successful
-
     def kill_worker(state):
         robot.diagnostics.clear()
         robot.until(
@@ -56,20 +52,27 @@ def test_a_worker_may_be_killed_again_and_again(selector, robot):
         )
         os.kill(int(robot.diagnostics[SELECTION][2]['worker pid']), signal.SIGKILL)
 
+    stamp = robot.publish_episodes(normal_episodes(), NAMES)
+    robot.wait_for_episodes(24)
     for _ in range(2):
         assert robot.call(robot.select_client).success
         kill_worker('idle')
         robot.until(lambda: robot.diagnostics[SELECTION][2]['worker pid'] == 'none')
     assert robot.call(robot.select_client).success
-    assert robot.set_parameter('num_features', 0).successful
+    robot.call(robot.clear_client)
+    slow = rollout('with_gravel', 40, seed=0)
+    stamp = robot.publish_episodes(slow, channel_names('with_gravel'), begin=stamp)
+    robot.wait_for_episodes(40)
     for _ in range(2):
         future = robot.select_client.call_async(robot.select_client.srv_type.Request())
         kill_worker('computing')
         robot.until(future.done)
         assert not future.result().success
         assert 'the worker process died' in json.loads(future.result().message)['error']
-    assert robot.set_parameter('num_features', 1).successful
-    assert json.loads(robot.call(robot.select_client).message)['episodes'] == 30
+    robot.call(robot.clear_client)
+    robot.publish_episodes(normal_episodes(), NAMES, begin=stamp)
+    robot.wait_for_episodes(24)
+    assert json.loads(robot.call(robot.select_client).message)['names'] == ['c']
 
 
 def test_a_selection_that_takes_too_long_is_ended_and_the_next_one_works(selector, robot):
@@ -219,12 +222,29 @@ def test_an_episode_that_comes_again_is_counted_and_not_kept(selector, robot):
     assert selector.output.count('is a bag played in a loop') == 1
 
 
-def test_parts_of_a_state_on_one_topic_are_told_with_the_remedy(selector, robot):
-    for stamp in range(1, 20, 2):
-        robot.publish_state(stamp, ['arm'], [0.0])
-        robot.publish_state(stamp + 1, ['gripper'], [0.0])
-    robot.until(lambda: 'states of different channels take turns' in robot.diagnostics[INPUT][1])
-    assert 'sampler' in selector.output
+@pytest.mark.parametrize('first', ['arm', 'gripper'])
+def test_of_parts_on_one_topic_the_one_with_the_rewards_stamps_is_the_state_and_the_remedy_is_told(
+    selector, robot, first
+):
+    stamp = 10
+    for number in range(4):
+        for step in range(5):
+            parts = [
+                (stamp, ['shoulder', 'elbow'], [step, number]),
+                (stamp - 3, ['gripper'], [0.0]),
+            ]
+            for part in parts if first == 'arm' else parts[::-1]:
+                robot.publish_state(*part)
+            robot.publish_reward(stamp, RewardSample(step, False, step == 4, number, step))
+            stamp += 10
+    robot.wait_for_episodes(4)
+    expected = (
+        'states of different channels take turns: those of shoulder, elbow are taken, as they had '
+        'the stamp of the first reward, and those that differ by gripper are not; publish whole '
+        'states, or merge the parts with the sampler'
+    )
+    robot.until(lambda: robot.diagnostics[INPUT][:2] == (WARN, expected))
+    assert selector.output.count(expected) == 1
 
 
 @pytest.mark.parametrize('restart', [False, True])

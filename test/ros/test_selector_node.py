@@ -41,8 +41,8 @@ def selector(start, robot):
 def test_the_service_gives_what_the_selector_finds_on_the_same_episodes(start, robot):
     start('selector_node', selection_period=0.0, num_features=2, random_state=3)
     robot.wait_for_selector()
-    names = channel_names('with_gravel')
-    episodes = rollout('with_gravel', 25, seed=1)
+    names = channel_names('with_gravel')[:6]
+    episodes = [Episode(e.states[:, :6], e.rewards) for e in rollout('with_gravel', 25, seed=1)]
     robot.publish_episodes(episodes, names)
     robot.wait_for_episodes(25)
     reply = robot.call(robot.select_client)
@@ -138,7 +138,7 @@ def test_state_keeps_flowing_and_nothing_is_lost_while_a_selection_runs(selector
     robot.publish_episodes(rollout('with_gravel', 30, seed=0), names)
     robot.wait_for_episodes(30)
     robot.set_parameter('max_episodes', 1000)
-    robot.set_parameter('num_features', 14)  # so that all is passed on, whatever is found
+    robot.set_parameter('num_features', 2)
     robot.selected.clear()
     robot.arrivals.clear()
 
@@ -234,9 +234,8 @@ def test_rewards_alone_are_enough_and_what_they_lack_is_said_once(start, robot):
     assert node.output.count('carry no `step`') == 1
 
 
-@pytest.mark.parametrize(
-    ('name', 'value', 'reason'),
-    [
+def test_bad_parameters_are_refused_with_a_reason(selector, robot):
+    for name, value, reason in (
         ('gamma', 1.5, 'out of range'),
         ('gamma', 'high', 'type'),
         ('criterion', 'x', "criterion is 'x'; expected one of held_out, plug_in"),
@@ -245,12 +244,10 @@ def test_rewards_alone_are_enough_and_what_they_lack_is_said_once(start, robot):
         ('num_features', -1, 'out of range'),
         ('selection_period', 1e-9, 'selection_period is 1e-09; expected 0 or at least 0.1 s'),
         ('sensor_groups', 'pose', "sensor_groups has 'pose'; expected"),
-    ],
-)
-def test_bad_parameters_are_refused_with_a_reason(selector, robot, name, value, reason):
-    result = robot.set_parameter(name, value)
-    assert not result.successful
-    assert reason in result.reason
+    ):
+        result = robot.set_parameter(name, value)
+        assert not result.successful
+        assert reason in result.reason
     assert selector.process.poll() is None
 
 
@@ -438,29 +435,10 @@ def test_a_signal_during_start_up_ends_the_node_cleanly(start, robot, number):
     assert seconds < 2
 
 
-def test_a_killed_worker_is_reported_and_replaced(selector, robot):
-    names = channel_names('with_gravel')
-    robot.publish_episodes(rollout('with_gravel', 40, seed=0), names)
-    robot.wait_for_episodes(40)
-    future = robot.select_client.call_async(robot.select_client.srv_type.Request())
-    robot.until(
-        lambda: (
-            robot.diagnostics['selector: selection'][2]['worker'] == 'computing'
-            and robot.diagnostics['selector: selection'][2]['worker pid'] != 'none'
-        )
-    )
-    os.kill(int(robot.diagnostics['selector: selection'][2]['worker pid']), signal.SIGKILL)
-    robot.until(future.done)
-    assert not future.result().success
-    assert 'the worker process died' in future.result().message
-    robot.set_parameter('num_features', 1)
-    assert robot.call(robot.select_client).success
-    assert json.loads(robot.call(robot.select_client).message)['episodes'] == 40
-
-
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
-@pytest.mark.parametrize('moment', ['idle', 'selecting', 'spawning'])
-@pytest.mark.parametrize('cores', [1, 2])
+@pytest.mark.parametrize(
+    ('moment', 'cores'), [('idle', 1), ('spawning', 1), ('selecting', 1), ('selecting', 2)]
+)
 def test_signals_end_the_node_and_its_workers_cleanly(selector, robot, number, moment, cores):
     robot.set_parameter('worker_threads', cores)
     if moment != 'idle':

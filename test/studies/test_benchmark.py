@@ -19,7 +19,7 @@ from studies.speed import growth as benchmark_growth
 from studies.tasks import rollout_scaled
 
 ROOT = Path(__file__).parents[2]
-TINY = ('--episodes', '8', '--steps', '14', '--channels', '5', '--top', '2', '--trials', '2')
+TINY = ('--episodes', '8', '--steps', '6', '--channels', '5', '--top', '2', '--trials', '2')
 
 
 @pytest.fixture(scope='module')
@@ -44,7 +44,7 @@ def test_it_measures_each_method_on_the_same_data(report):
         assert 20e6 < row['peak_bytes'] < 1e9
     assert (port['times_faster_than_direct_port'], ours['cores']) == (1, 1)
     assert report['data'] == {
-        'scenario': 'with_gravel', 'episodes': 8, 'steps': 14, 'channels': 5, 'top': 2,
+        'scenario': 'with_gravel', 'episodes': 8, 'steps': 6, 'channels': 5, 'top': 2,
         'seed': 4, 'trials': 2,
     }  # fmt: skip
 
@@ -53,7 +53,7 @@ def test_its_rank_sums_are_those_of_the_rankings_of_its_seeds(report):
     for row in report['rows']:
         sums = []
         for seed in (4, 5):
-            episodes = rollout_scaled('with_gravel', 8, seed, num_steps=14, num_channels=5)
+            episodes = rollout_scaled('with_gravel', 8, seed, num_steps=6, num_channels=5)
             ranking = rank(row['method'], episodes, target=(0,), seed=seed, num_features=2).channels
             assert len(ranking) == 2
             sums.append(rank_sum(ranking, (0, 1, 2, 3), 5))
@@ -65,7 +65,8 @@ def test_its_rank_sums_are_those_of_the_rankings_of_its_seeds(report):
 def test_the_table_names_what_is_not_installed(capsys, monkeypatch):
     monkeypatch.setitem(sys.modules, 'ennemi', None)
     monkeypatch.setitem(sys.modules, 'sklearn', None)
-    assert benchmark.main([*TINY, '--methods', 'kdr,ennemi,sklearn']) == 0
+    options = ['--trials', '1', '--jobs', '1', '--methods', 'kdr,ennemi,sklearn']
+    assert benchmark.main([*TINY, *options]) == 0
     table = [line for line in capsys.readouterr().out.splitlines() if line.startswith('|')]
     assert [line.split(' | ')[0] for line in table[2:]] == [
         '| KDR',
