@@ -213,7 +213,8 @@ class ConditionalMISelector(SensorSelector):
             progress=self._progress,
         )
         if self.direction == 'forward':
-            found = search.confirmed()
+            start = [i for i, sensor in enumerate(live) if sensor in self._start]
+            found = search.confirmed(start)
         else:
             found = search.tested(self._backward(criterion, living))
         if self.num_features is None:

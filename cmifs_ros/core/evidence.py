@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
 from .kernel_ridge import KernelRidge, squared_distances
 from .samples import Samples, standardized
@@ -130,7 +130,18 @@ class ConditionalTest:
             greatest = max(greatest, (((total * weights) ** 2).sum() - expected) / deviation)
             drawn = ((self._signs @ each) ** 2).sum(axis=1)
             null = np.maximum(null, (drawn - expected) / deviation)
-        spread = null.std() if np.isfinite(greatest) else 0.0
+        mean, spread = (null.mean(), null.std()) if np.isfinite(greatest) else (0.0, 0.0)
         if spread == 0:
             return 1.0
-        return float(stats.pearson3.sf(greatest, stats.skew(null), null.mean(), spread))
+        null = (null - mean) / spread
+        return _pearson3_sf((greatest - mean) / spread, np.mean(null**3))
+
+
+def _pearson3_sf(value: float, skewness: float) -> float:
+    """Return scipy.stats.pearson3.sf(value, skewness); its module takes long to import."""
+    if abs(skewness) < 1e-3:
+        return float(special.ndtr(-value))
+    shape = 4 / skewness**2
+    drawn = max(shape + 2 * value / skewness, 0.0)
+    tail = special.gammaincc if skewness > 0 else special.gammainc
+    return float(tail(shape, drawn))

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from .conditional_mi_selector import ConditionalMISelector
+from .conditional_mi_selector import CONFIRMED, ConditionalMISelector
 from .episode import Episode
 from .kdr_selector import KDRSelector
 
@@ -28,7 +28,8 @@ class Selection:
     ranking : tuple of str
         Names of all sensors that were ranked, best first; what is below is in the same order.
     scores : tuple of float
-        The criterion of the first 1, 2, ... sensors of the ranking.
+        The criterion of each sensor with those taken before it; with all that were selected for
+        one that was not.
     statuses : tuple of str
         'confirmed': tells something about the return that the others selected do not;
         'tentative': not shown so far; 'rejected': tells nothing that the confirmed do not.
@@ -65,6 +66,12 @@ class Selection:
     spoke_by: tuple[tuple[str, ...], ...] = ()
     stability: tuple[float, ...] = ()
 
+    @property
+    def confirmed(self) -> tuple[str, ...]:
+        """Names of the sensors that are confirmed."""
+        pairs = zip(self.ranking, self.statuses, strict=False)
+        return tuple(name for name, status in pairs if status == CONFIRMED)
+
 
 def select(
     episodes: Sequence[Episode],
@@ -72,14 +79,17 @@ def select(
     method: str,
     settings: dict,
     *,
+    start: Collection[str] = (),
     progress: Callable[[float], None] = lambda fraction: None,
 ) -> Selection:
     """Fit the selector of a method, with the given settings, and return what it found.
 
-    `progress` is told the share that is done.
+    `start` names the sensors of an earlier selection; `progress` is told the share that is done.
     """
     start = time.perf_counter()
-    selector = METHODS[method](**settings).fit(episodes, names=channel_names)
+    selector = METHODS[method](**settings).fit(
+        episodes, names=channel_names, start=start, progress=progress
+    )
     progress(1.0)
     samples = np.concatenate([np.column_stack([e.states, e.rewards]) for e in episodes])
     with np.errstate(over='ignore', invalid='ignore'):  # Huge values: their spread is inf.

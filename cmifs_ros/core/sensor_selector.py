@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -70,6 +70,7 @@ class SensorSelector(ABC):
         episodes,
         names: Sequence[str] | None = None,
         *,
+        start: Collection[str] = (),
         progress: Callable[[float], None] = lambda fraction: None,
     ) -> SensorSelector:
         """Rank the sensors and select the best.
@@ -80,6 +81,9 @@ class SensorSelector(ABC):
             At least 2 episodes.
         names : sequence of str, optional
             One name for each channel; x0, x1, ... by default.
+        start : collection of str
+            Sensors of an earlier selection. Where the method has a test, the search begins with
+            those that still have evidence, so that of equals the one in use stays.
         progress : callable
             Told, as sensors are found, a fraction that grows towards 1: how many there will be
             is not known.
@@ -92,6 +96,7 @@ class SensorSelector(ABC):
         """
         self._progress = progress
         episodes, names, sensor_names, sensors = self._checked(episodes, names)
+        self._start = [i for i, name in enumerate(sensor_names) if name in start]
         if self.num_features is not None and not 1 <= self.num_features <= len(sensors):
             raise ValueError(
                 f'num_features is {self.num_features}; expected 1 to {len(sensors)}, '

@@ -68,9 +68,13 @@ class StepwiseSelection:
         self._progress = progress
         self._num_units = sum(len(self._units(i)) for i in range(len(sensors)))
 
-    def confirmed(self) -> list[Finding]:
-        """Return the confirmed sensors, in the order in which they were found."""
-        chosen: list[Finding] = []
+    def confirmed(self, start: Sequence[int] = ()) -> list[Finding]:
+        """Return the confirmed sensors, in the order in which they were found.
+
+        The search begins with those of `start` that have evidence given each other.
+        """
+        known = [f._replace(pvalue=0.0) for f in self._proposals([]) if f.sensor in start]
+        chosen = self._without_superfluous(known, num_candidates=self._num_units)
         while len(chosen) < len(self._sensors):
             found = self._next(chosen)
             if not found and not chosen:

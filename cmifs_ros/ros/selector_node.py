@@ -250,7 +250,8 @@ class SelectorNode(Node):
             raise RefusedError(str(error)) from None
         settings = selector_settings(values, names)
         episodes = self._buffer.snapshot()
-        arguments = (episodes, names, values['method'], settings)
+        in_use = self._selection.confirmed if self._selection is not None else ()
+        arguments = (episodes, names, values['method'], settings, in_use)
         return Job(self._revision, self._generation, cause, arguments)
 
     def _select_periodically(self) -> None:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from cmifs_ros.core.evidence import ConditionalTest
+from cmifs_ros.core.evidence import ConditionalTest, _pearson3_sf
 from cmifs_ros.core.samples import Samples
 
 NUM_EPISODES, NUM_STEPS = 40, 12
@@ -131,3 +131,9 @@ def test_two_episodes_are_too_few():
     rng = np.random.default_rng(0)
     x = slow(rng, 1, 2)
     assert conditional_test(samples_of(x[:, 0], x, 2), 0)((0,), ()) > 0.05
+
+
+@pytest.mark.parametrize('skewness', [-0.4, 0.0, 0.3, 1.5, 2.5])
+@pytest.mark.parametrize('value', [-2.0, 0.1, 3.0, 12.0])
+def test_the_tail_is_that_of_scipy(value, skewness):
+    assert _pearson3_sf(value, skewness) == pytest.approx(stats.pearson3.sf(value, skewness))

@@ -1,5 +1,6 @@
 """Small worlds in which the truth is known: the selector finds it, by default and by itself."""
 
+import numpy as np
 import pytest
 
 from cmifs_ros.core import ConditionalMISelector
@@ -84,3 +85,17 @@ def test_the_channel_that_speaks_for_a_group_is_named():
     selector = fitted('one_of_twelve', 60, 0)
     spoke = dict(zip(ranked(selector), selector.spoke_by_, strict=True))
     assert spoke['scan'] == (0,)
+
+
+def test_of_equals_the_one_in_use_stays():
+    rng = np.random.default_rng(0)
+    x, y = rng.normal(size=(2, 60, 12)).cumsum(axis=2)
+    twins = [x + 0.3 * rng.normal(size=x.shape) for _ in range(2)]
+    states = np.stack([*twins, y, rng.normal(size=x.shape)], axis=-1)
+    names = ['twin_1', 'twin_2', 'y', 'noise']
+    for in_use in ('twin_1', 'twin_2'):
+        selector = ConditionalMISelector().fit(
+            (states, x + y), names=names, start=[in_use, 'noise', 'gone']
+        )
+        assert selected(selector)[0] == in_use
+        assert 'noise' not in selected(selector)
