@@ -14,12 +14,15 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 
 from cmifs_ros.collect.robot_file import STATUS, load_robot_file
-from cmifs_ros.collect.sampler import Sampler, event_time
+from cmifs_ros.collect.sampler import Sampler, Step
 from cmifs_ros.collect.state_reader import listed
 
 from . import conversions, diagnostics
 from .following_subscription import FollowingSubscription
 from .sampler_status import SamplerStatus
+
+#: Seconds without any message after which none is waited for.
+_QUIET = 2.0
 
 
 class SamplerNode(Node):
@@ -84,13 +87,15 @@ class SamplerNode(Node):
     def _take(self, topic: str, message) -> None:
         self._status.heard(topic)
         try:
-            # The EventsExecutor of rclpy 7.1.6 fails on callbacks that ask for the message's info,
-            # so that without a stamp it is the time of receipt.
-            stamp = event_time(message, self.get_clock().now().nanoseconds)
-            steps = self._sampler.add(topic, message, stamp)
+            # When it was sent is not known: the EventsExecutor of rclpy 7.1.6 fails on callbacks
+            # that ask for the message's info.
+            steps = self._sampler.add(topic, message, self.get_clock().now().nanoseconds)
         except Exception as error:  # A message of whatever type must not end the node.
             self._sampler.note_wrong(topic, f'{type(error).__name__}: {error}')
             return
+        self._publish(steps)
+
+    def _publish(self, steps: list[Step]) -> None:
         for step in steps:
             header = Header(stamp=conversions.stamp_from_nanoseconds(step.stamp))
             self._state_publisher.publish(
@@ -102,6 +107,8 @@ class SamplerNode(Node):
             )
 
     def _report(self) -> None:
+        if self._status.silence() > _QUIET:  # Of a robot that rests, the last episode is due.
+            self._publish(self._sampler.flush())
         problems = dict(self._problems)
         for topic, subscription in self._subscriptions_by_topic.items():
             if subscription.clashes and not subscription.publishers:
