@@ -66,7 +66,7 @@ def _stream(draw, topic, random, is_set_back):
     # No step may lie between two times at which a message without a stamp may arrive.
     jitter = 0 if is_clock else draw(st.sampled_from([0, 10, 40]))
     restart = END if is_clock else draw(st.sampled_from([END, 2000, 6000]))
-    sent, last, was_odd = [], None, False
+    sent, last, was_odd, was_set = [], None, False, False
     for number, time in enumerate(range(1000, END, period)):
         shift = SET_BACK if is_set_back and time >= CLOCK_SET else 0
         rests = restart <= time < restart + 700
@@ -77,15 +77,17 @@ def _stream(draw, topic, random, is_set_back):
             sent.append(Sent(time + 10 + random.randint(0, 30) - shift, None, fields))
             continue
         stamp = time + 10 * round(random.randint(-jitter, jitter) / 10) - shift
-        odd = random.random() if 2500 < time < CLOCK_SET or time > 6500 else 1
-        if was_odd or odd > 0.08:
-            was_odd = False
-            if last is not None and restart <= time < restart + 700 + period:
-                stamp = last - 50
-            last = stamp
-        else:
+        if time >= CLOCK_SET and is_set_back and not was_set:
+            last, was_set = None, True
+        is_second = restart <= time < restart + 700 + period or random.random() < 0.1
+        may_be_odd = 2500 < time < CLOCK_SET or time > 6500
+        if is_second and last is not None:
+            stamp = last = last - 10  # Of a publisher that does not know of the first.
+        elif may_be_odd and not was_odd and random.random() < 0.1:
             was_odd = True
-            stamp += -1700 if odd < 0.03 else 900_000 if odd < 0.06 else -900_000
+            stamp += random.choice([-1700, 900_000, -900_000])
+        else:
+            was_odd, last = False, stamp
         sent.append(Sent(time + 50 - shift, stamp, fields))
     return sent
 
