@@ -47,7 +47,7 @@ class Sent(NamedTuple):
 
 
 @st.composite
-def streams(draw):
+def streams(draw, is_set_back=None):
     """Return by topic what is sent.
 
     The topics have rates of their own, jitter, equal stamps, missing messages, stamps that are far
@@ -55,7 +55,8 @@ def streams(draw):
     clock may be set back.
     """
     random = Random(draw(st.integers(0, 2**32)))
-    is_set_back = draw(st.booleans())
+    if is_set_back is None:
+        is_set_back = draw(st.booleans())
     return {topic: _stream(draw, topic, random, is_set_back) for topic in STAMPED + HEADERLESS}
 
 
