@@ -72,6 +72,17 @@ def test_several_bags_are_pooled_and_everything_is_written(tmp_path, robot, caps
         np.testing.assert_array_equal(episode.rewards, rewards)
 
 
+def test_the_episodes_file_can_be_taken_up_where_nothing_was_selected(tmp_path):
+    write_bag(tmp_path / 'bag', 60)
+    file, saved = tmp_path / 'robot.yaml', tmp_path / 'episodes'
+    file.write_text(ROBOT.replace('  x: /pose.pose.position.x\n', ''))
+    options = ['--robot', str(file), '--out', str(tmp_path), '--episodes-file', str(saved)]
+    assert main([str(tmp_path / 'bag'), *options]) == 0
+    assert json.loads((tmp_path / 'selection.json').read_text())['names'] == []
+    found = episode_file.read(saved, max_episodes=100, max_bytes=10**9)
+    assert (len(found.episodes), found.selection) == (10, None)
+
+
 def test_jobs_change_nothing(tmp_path, robot):
     bags = [str(tmp_path / name) for name in ('one', 'two')]
     for seed, path in enumerate(bags):
