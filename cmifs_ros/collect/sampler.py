@@ -22,6 +22,8 @@ SECOND = 1_000_000_000
 #: A message this far from the others is wrong; two of a topic in a row: the clock was set.
 JUMP = 60 * SECOND
 MAX_WAITING = 100_000
+#: A time of receipt runs ahead of the stamps if who receives is behind: it counts so much less.
+BEHIND = 2 * SECOND
 _UNREADABLE = (
     MissingFieldError, TypeError, ValueError, AttributeError, LookupError, ArithmeticError,
 )  # fmt: skip
@@ -50,7 +52,8 @@ class Sampler:
     ----------
     robot : RobotFile
     lateness : float, optional
-        For how long, in seconds of event time, a message waits for those of silent streams.
+        For how long, in seconds of event time, a message waits for those of silent topics; two
+        seconds longer by the time of what has no stamp.
 
     Attributes
     ----------
@@ -91,6 +94,7 @@ class Sampler:
         """Begin anew: nothing is known of a clock that was set."""
         self._waiting: list = []
         self._newest: dict[str, int] = {}
+        self._unstamped: set[str] = set()
         self._passed: int | None = None  # All before this time has been worked through.
         self._suspects: dict[str, tuple[int, dict]] = {}  # By topic, its last if it was far.
         self._held: dict[str, tuple[int, list[float]]] = {}
@@ -141,7 +145,11 @@ class Sampler:
             self.late[topic] += 1
             return steps
         self._wait(topic, stamp, content)
-        limit = max(self._newest.values()) - self._lateness
+        (self._unstamped.add if own is None else self._unstamped.discard)(topic)
+        limit = max(
+            time - self._lateness - (BEHIND if topic in self._unstamped else 0)
+            for topic, time in self._newest.items()
+        )
         if len(self._newest) == len(self._by_topic):
             limit = max(limit, min(self._newest.values()))
         if len(self._waiting) > MAX_WAITING:

@@ -173,8 +173,8 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument('--goals', type=number_from(2), default=80, help='default 80')
     parser.add_argument('--seed', type=number_from(0), default=0)
     parser.add_argument(
-        '--speed', type=float, default=4.0,
-        help='how many times faster than its own time the robot lives (default 4)',
+        '--speed', type=float, default=2.0,
+        help='how many times faster than its own time the robot lives (default 2)',
     )  # fmt: skip
     options = parser.parse_args(arguments)
     if not 0.1 <= options.speed <= 20:
