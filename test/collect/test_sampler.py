@@ -79,13 +79,13 @@ def test_who_is_behind_with_receiving_calls_nothing_late():
     """What waits in a queue for 1.5 s keeps its stamp; what has none gets a later time."""
     sampler, steps = Sampler(parse_robot_file(FILE.replace('0.25', '9') % 'steps: 99')), []
     for t in range(40):
-        steps += sampler.add('/b', Message(data=t), (100 * t + 1500) * MS)
-        stamp = Message(sec=t // 10, nanosec=t % 10 * 100 * MS)
+        steps += sampler.add('/b', Message(data=t), (100 * t + 2500) * MS)
+        stamp = Message(sec=1 + t // 10, nanosec=t % 10 * 100 * MS)
         message = Message(data=t, header=Message(stamp=stamp))
-        steps += sampler.add('/a', message, (100 * t + 1500) * MS)
+        steps += sampler.add('/a', message, (100 * t + 2500) * MS)
     steps += sampler.flush()
     assert not sampler.late
-    assert [s.stamp // MS for s in steps] == list(range(1500, 3900, 100))
+    assert [s.stamp // MS for s in steps] == list(range(2500, 4900, 100))
 
 
 def test_event_time():
