@@ -21,6 +21,7 @@ from .transitions import EpisodeAssembler
 #: As the selector's parameter max_episode_steps.
 MAX_EPISODE_STEPS = 1000
 CLOCK = '/clock'
+_MEND = 'one that was cut off is mended by `mcap recover` (MCAP) or `ros2 bag reindex`'
 
 
 class BagError(Exception):
@@ -113,7 +114,7 @@ def open_bag(path: str | Path) -> Iterator:
         reader = AnyReader([Path(path)], default_typestore=get_typestore(Stores.ROS2_JAZZY))
         reader.open()
     except Exception as error:  # A foreign or torn file breaks its readers in many ways.
-        raise BagError(f'{path} cannot be read as a bag: {_shown(error)}') from error
+        raise BagError(f'{path} cannot be read as a bag: {_shown(error)}; {_MEND}') from error
     try:
         yield reader
     finally:
@@ -127,7 +128,7 @@ def messages_of(reader, path: str | Path, topics: Collection[str]) -> Iterator[t
         for connection, recorded, data in reader.messages(wanted):
             yield connection.topic, reader.deserialize(data, connection.msgtype), recorded
     except Exception as error:  # What is raised where this is used does not pass here.
-        raise BagError(f'{path} breaks off: {_shown(error)}') from error
+        raise BagError(f'{path} breaks off: {_shown(error)}; {_MEND}') from error
 
 
 def _shown(error: Exception) -> str:
