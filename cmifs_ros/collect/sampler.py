@@ -10,7 +10,7 @@ from __future__ import annotations
 import heapq
 import math
 from array import array
-from collections import Counter
+from collections import Counter, deque
 from typing import NamedTuple
 
 from .expression import Expression
@@ -22,6 +22,7 @@ SECOND = 1_000_000_000
 #: A message this far from the others is wrong; two of a topic in a row: the clock was set.
 JUMP = 60 * SECOND
 MAX_WAITING = 100_000
+MAX_SUSPECTS = 100
 #: A time of receipt runs ahead of the stamps if who receives is behind: it counts so much less.
 BEHIND = 2 * SECOND
 _UNREADABLE = (
@@ -87,6 +88,7 @@ class Sampler:
         self.num_steps = 0
         self._sequence = 0
         self._episode = 0
+        self._unstamped: set[str] = set()
         self._rank = {topic: rank for rank, topic in enumerate(robot.topics)}
         self._set_clock()
 
@@ -94,9 +96,8 @@ class Sampler:
         """Begin anew: nothing is known of a clock that was set."""
         self._waiting: list = []
         self._newest: dict[str, int] = {}
-        self._unstamped: set[str] = set()
         self._passed: int | None = None  # All before this time has been worked through.
-        self._suspects: dict[str, tuple[int, dict]] = {}  # By topic, its last if it was far.
+        self._suspects: dict[str, deque[tuple[int, dict]]] = {}  # By topic, its last, all far.
         self._held: dict[str, tuple[int, list[float]]] = {}
         self._next_tick: int | None = None
         self._goal: bytes | None = None
@@ -135,11 +136,16 @@ class Sampler:
         if newest is None or abs(stamp - newest) <= JUMP:
             self._suspects.pop(topic, None)
         else:
-            suspect, _ = self._suspects.get(topic, (-math.inf, None))
-            if abs(stamp - suspect) > JUMP:
-                self._suspects[topic] = stamp, content
+            suspects = self._suspects.setdefault(topic, deque(maxlen=MAX_SUSPECTS))
+            if suspects and abs(stamp - suspects[-1][0]) > JUMP:
+                suspects.clear()
+            suspects.append((stamp, content))
+            # When a message was received tells nothing of a clock by which others are stamped.
+            is_led = own is None and self._newest.keys() - self._unstamped
+            if is_led or len(suspects) == 1:
                 self.note_wrong(topic, _far(stamp, newest, own is None))
                 return []
+            suspects.pop()
             steps = self._change_clock(stamp)
         if stamp < max(self._passed or 0, self._newest.get(topic, 0)):
             self.late[topic] += 1
@@ -162,14 +168,15 @@ class Sampler:
         self._newest[topic] = stamp
 
     def _change_clock(self, stamp: int) -> list[Step]:
-        """End what was before a clock was set; each topic's first message after it counts."""
+        """End what was before a clock was set; what topics said since then counts."""
         steps, suspects = self.flush(), self._suspects
         self._episode += 1
         self._set_clock()
-        for topic, (first, content) in suspects.items():
-            if abs(first - stamp) <= JUMP:
-                self.wrong[topic] -= 1
-                self._wait(topic, first, content)
+        for topic, messages in suspects.items():
+            for first, content in messages:
+                if abs(first - stamp) <= JUMP:
+                    self.wrong[topic] -= 1
+                    self._wait(topic, first, content)
         return steps
 
     def flush(self) -> list[Step]:

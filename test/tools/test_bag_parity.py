@@ -13,6 +13,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from streams import ROBOTS, STATUS, arrivals, as_message, streams
 
 from cmifs_ros.collect.bag import episodes_of_bag
+from cmifs_ros.collect.robot_file import parse_robot_file
 from cmifs_ros.collect.sampler import Sampler
 from cmifs_ros.collect.transitions import EpisodeAssembler
 
@@ -80,3 +81,40 @@ def test_a_bag_gives_the_episodes_of_the_node(tmp_path_factory, sent, robot, see
     for topic, count in sampler.late.items():
         assert bag.dropped[f'late messages of {topic}'] == count
     assert bag.num_messages == sum(sampler.received.values())
+
+
+@pytest.mark.parametrize('has_clock', [True, False])
+def test_a_bag_that_has_the_simulated_clock_is_read_by_it(tmp_path, has_clock):
+    robot = parse_robot_file(
+        'step: {topic: /odom}\nchannels: {x: /odom.data, radio: /radio.data}\n'
+        'reward: x\nepisode: {steps: 4}\n'
+    )
+    types, kinds = STORE.types, KINDS | {'/clock': 'rosgraph_msgs/msg/Clock'}
+    time = types['builtin_interfaces/msg/Time']
+    topics = ['/odom', '/radio', *(['/clock'] if has_clock else [])]
+    with Writer(tmp_path / 'bag', version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        connections = {t: writer.add_connection(t, kinds[t], typestore=STORE) for t in topics}
+        for i in range(20):
+            stamp = time(50 + i // 10, i % 10 * 10**8)
+            sent = {
+                '/clock': types[kinds['/clock']](stamp),
+                '/radio': types[kinds['/radio']](float(i)),
+                '/odom': types[kinds['/odom']](types['std_msgs/msg/Header'](stamp, ''), 2.0 * i),
+            }
+            for number, topic in enumerate(t for t in sent if t in topics):
+                # Ten times faster than the robot's own time, and years later.
+                recorded = 1_700_000_000 * 10**9 + i * 10**7 + number
+                writer.write(
+                    connections[topic], recorded, STORE.serialize_cdr(sent[topic], kinds[topic])
+                )
+    bag = episodes_of_bag(tmp_path / 'bag', robot)
+    if has_clock:
+        # What the last of four steps reaches is no step.
+        assert [e.states.tolist() for e in bag.episodes] == [
+            [[2.0 * i, float(i)] for i in range(begin, begin + 4)] for begin in (0, 5, 10, 15)
+        ][: len(bag.episodes)]
+        assert len(bag.episodes) >= 3
+        assert bag.num_messages == 40
+    else:
+        assert not bag.episodes
+        assert bag.dropped['wrong messages of /radio'] > 0
