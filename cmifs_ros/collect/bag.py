@@ -83,14 +83,16 @@ def episodes_of_bag(
     collector = _StatesAndRewards(assembler) if robot is None else _Sampled(assembler, robot)
     with open_bag(path) as reader:
         topics = collector.topics_among(reader.topics, path)
-        total = sum(c.msgcount for c in reader.connections if c.topic in {*topics, CLOCK})
-        count, clock = 0, (0 if CLOCK in reader.topics else None)
-        messages = messages_of(reader, path, {*topics, CLOCK})
-        for topic, message, recorded in watch(messages, total):
-            if topic == CLOCK:
-                clock = message.clock.sec * SECOND + message.clock.nanosec
+        clock = reader.topics.get(CLOCK)
+        has_clock = clock is not None and clock.msgtype == 'rosgraph_msgs/msg/Clock'
+        read = {*topics, CLOCK} if has_clock else set(topics)
+        total = sum(c.msgcount for c in reader.connections if c.topic in read)
+        count, now = 0, 0
+        for topic, message, recorded in watch(messages_of(reader, path, read), total):
+            if has_clock and topic == CLOCK:
+                now = message.clock.sec * SECOND + message.clock.nanosec
             if topic in topics:
-                collector.add(topic, message, recorded if clock is None else clock)
+                collector.add(topic, message, now if has_clock else recorded)
                 count += 1
     names, dropped = collector.finish()
     dropped |= {f'messages, {cause}': n for cause, n in assembler.dropped_messages.items()}
