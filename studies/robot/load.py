@@ -35,7 +35,7 @@ channels:
 reward: "x - before(x)"
 episode: {steps: 100}
 """
-#: Seconds for nodes to find each other, and for the last messages and diagnostics to come.
+#: Seconds for nodes to find each other, and for the last messages to come.
 _PATIENCE, _REST = 60.0, 3.0
 
 
@@ -62,7 +62,7 @@ def _until(condition, what: str, seconds: float = _PATIENCE) -> None:
         time.sleep(0.05)
 
 
-def sampled(seconds: float) -> dict[str, int]:
+def sampled() -> dict[str, int]:
     """Return how many messages the sampler says it has received, by topic."""
     counts: dict[str, int] = {}
 
@@ -78,11 +78,16 @@ def sampled(seconds: float) -> dict[str, int]:
     node.create_subscription(DiagnosticArray, '/diagnostics', on_diagnostics, 10)
     executor = make_executor(context)
     executor.add_node(node)
-    end = time.monotonic() + seconds
-    while time.monotonic() < end:
+
+    def are_told() -> bool:
         executor.spin_once(0.1)
-    node.destroy_node()
-    rclpy.shutdown(context=context)
+        return len(counts) == len(TOPICS)
+
+    try:
+        _until(are_told, 'the sampler said what it received')
+    finally:
+        node.destroy_node()
+        rclpy.shutdown(context=context)
     return counts
 
 
@@ -104,7 +109,8 @@ def run(options: argparse.Namespace) -> None:
                 Process(folder, executable('sampler_node'), robot_file=str(robot_file))
             )
             share, sent = measure(folder, sampler, options.seconds)
-            _print('sampler_node', share, sent, sampled(_REST))
+            time.sleep(_REST)
+            _print('sampler_node', share, sent, sampled())
         except (DemoError, SoakError) as error:
             raise StudyError(str(error)) from error
 
