@@ -160,7 +160,10 @@ def run(options: argparse.Namespace) -> None:
         or a.rewards.tobytes() != b.rewards.tobytes()
     ]  # fmt: skip
     if one.channel_names != other.channel_names or differing:
-        raise StudyError(f'live and from the bag, these episodes differ: {differing}')
+        raise StudyError(
+            f'live and from the bag, these episodes differ: {differing}; a message without a stamp '
+            'may have come a step later, where the machine is slow: --speed can be less'
+        )
     print(f'the same {len(one.episodes)} episodes live and from the bag, byte for byte')
     numbers = ('scores', 'pvalues', 'null_scores')
     different = [k for k in live if k not in ('seconds', *numbers) and live[k] != from_bag.get(k)]

@@ -18,9 +18,9 @@ from studies.lidar_world import MAX_STEPS, RANGE_MAX, STEP_SECONDS, LidarWorld
 
 #: In ns.
 TICK = 10_000_000
-_MOVE, _STEP = 5, round(STEP_SECONDS * 1e9 / TICK)
+_MOVE, STEP = 5, round(STEP_SECONDS * 1e9 / TICK)
 #: What has no stamp is sent in the middle between two steps: no small delay changes its step.
-_BETWEEN = _STEP // 2
+BETWEEN = STEP // 2
 #: For how many steps the robot rests between two goals.
 _REST = 3
 STATUS = '/go_to/_action/status'
@@ -70,12 +70,12 @@ class Drive:
         """Go on by a tick; tell whether the status of a goal changes."""
         is_running = self.goals[-1:] == [GoalStatus.STATUS_EXECUTING]
         if is_running and self._reward is None:
-            if tick % _STEP == 0:
+            if tick % STEP == 0:
                 self.velocity = self._world.steer()
             if tick % _MOVE == 0:
                 self.observation, reward, has_ended = self._world.move(self.velocity)
                 self._reward = reward if has_ended else None
-        if tick % _STEP != _BETWEEN:
+        if tick % STEP != BETWEEN:
             return False
         self._since += 1
         if is_running and self._reward is not None:
@@ -132,10 +132,10 @@ class Sensors:
         if tick % 100 == 0:
             self._battery = self._battery - 0.001 if self._battery > 0.1 else 1.0
             found['/battery_state'] = BatteryState(header=header, percentage=self._battery)
-        if tick % 100 == _BETWEEN:
+        if tick % 100 == BETWEEN:
             self._temperature += self._rng.normal(0, 0.2)
             found['/temperature'] = Float32(data=self._temperature)
-        if tick % _STEP == _BETWEEN:
+        if tick % STEP == BETWEEN:
             found['/radio'] = Float32(data=self._rng.normal(-60, 5))
         if changes:
             found[STATUS] = self._status(header)

@@ -1,4 +1,8 @@
-"""The robot's process: publish its sensors until so many goals have ended, then rest and end."""
+"""The robot's process: publish its sensors until so many goals have ended, then rest and end.
+
+As a simulator does, it lives through a step at once and then waits for the next one: just after
+it has sent what has no stamp, so that all others have a whole step's time to receive that.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +13,7 @@ import time
 import rclpy
 from rclpy.signals import SignalHandlerOptions
 
-from .drive import TICK, TOPICS, Sensors
+from .drive import BETWEEN, STEP, TICK, TOPICS, Sensors
 
 #: The robot's time begins here, in ticks: a stamp of 0 is none.
 _FIRST_TICK = 100_000
@@ -35,11 +39,11 @@ def main() -> None:
     sensors, tick, last = Sensors(seed), _FIRST_TICK, None
     begin = time.monotonic()
     while not stopping and tick != last:
-        wait = begin + (tick - _FIRST_TICK) * TICK / 1e9 / speed - time.monotonic()
-        if wait > 0:
-            time.sleep(wait)
         for topic, message in sensors.messages(tick).items():
             publishers[topic].publish(message)
+        if tick % STEP == BETWEEN:
+            due = begin + (tick - _FIRST_TICK) * TICK / 1e9 / speed
+            time.sleep(max(0.0, due - time.monotonic()))
         tick += 1
         if last is None and sensors.drive.num_ended == num_goals:
             last = tick + _LAST_TICKS

@@ -12,7 +12,7 @@ for package in ('rclpy', 'irsim', 'rosbags'):
 
 def test_live_and_from_the_bag_episodes_and_selection_are_the_same():
     process = subprocess.run(
-        [sys.executable, '-m', 'studies.robot', '--goals', '3', '--speed', '6'],
+        [sys.executable, '-m', 'studies.robot', '--goals', '3', '--speed', '4'],
         env=os.environ | {'ROS_DOMAIN_ID': '101'},  # No other test has it.
         cwd=Path(__file__).parents[2], capture_output=True, text=True, check=False, timeout=300,
     )  # fmt: skip
