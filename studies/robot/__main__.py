@@ -24,6 +24,7 @@ from std_srvs.srv import Trigger
 from tqdm import tqdm
 
 from cmifs_ros.collect import episode_file
+from cmifs_ros.core import Episode
 from cmifs_ros.ros.run_node import make_executor
 from cmifs_ros.tools import select_from_bag
 from cmifs_ros.tools.arguments import number_from
@@ -153,16 +154,12 @@ def run(options: argparse.Namespace) -> None:
             for which in ('live', 'from_bag')
         )
         from_bag = json.loads((folder / 'selection.json').read_text())
-    differing = [
-        number
-        for number, (a, b) in enumerate(zip_longest(one.episodes, other.episodes))
-        if a is None or b is None or a.states.tobytes() != b.states.tobytes()
-        or a.rewards.tobytes() != b.rewards.tobytes()
-    ]  # fmt: skip
-    if one.channel_names != other.channel_names or differing:
+    pairs = list(zip_longest(one.episodes, other.episodes))
+    differing = {i: what for i, pair in enumerate(pairs) if (what := _difference(*pair))}
+    if differing:
         raise StudyError(
-            f'live and from the bag, these episodes differ: {differing}; a message without a stamp '
-            'may have come a step later, where the machine is slow: --speed can be less'
+            f'live and from the bag, episodes differ, by number: {differing}; a message without a '
+            'stamp may have come a step later, where the machine is slow: --speed can be less'
         )
     print(f'the same {len(one.episodes)} episodes live and from the bag, byte for byte')
     numbers = ('scores', 'pvalues', 'null_scores')
@@ -180,6 +177,17 @@ def run(options: argparse.Namespace) -> None:
         f'the same selection live and from the bag: {", ".join(live["names"]) or "nothing"} '
         f'(scores to {gap:.0e})'
     )
+
+
+def _difference(one: Episode | None, other: Episode | None) -> str:
+    """Return in words what differs, nothing if they are the same byte for byte."""
+    if one is None or other is None:
+        return 'only one has it'
+    if len(one) != len(other):
+        return f'{len(one)} and {len(other)} steps'
+    if one.states.tobytes() != other.states.tobytes():
+        return f'channels {np.flatnonzero(np.any(one.states != other.states, axis=0)).tolist()}'
+    return '' if one.rewards.tobytes() == other.rewards.tobytes() else 'rewards'
 
 
 def main(arguments: list[str] | None = None) -> int:
