@@ -12,6 +12,8 @@ ORACLE ?=
 LEARNING ?=
 LOOP ?=
 SOAK ?=
+ROBOT ?=
+LOAD ?=
 unexport PYTHONDONTWRITEBYTECODE
 # Nothing leaves this machine.
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
@@ -35,13 +37,16 @@ ENTER := . $(VENV)/bin/activate && { [ ! -f install/setup.bash ] || . install/se
 # In the environment's own Python: a colcon outside of it would build for another one.
 COLCON := python -c 'import sys; from colcon_core.command import main; sys.exit(main())'
 
-.PHONY: help demo test soak paper benchmark growth accuracy evidence oracle learning loop lint build clean
+.PHONY: help demo test soak robot load paper benchmark growth accuracy evidence oracle learning loop lint \
+	build clean
 
 help:
 	@echo 'make demo [SCENARIO=with_gravel]  see it at work: simulator, selector, downstream node'
 	@echo 'make build                        set up, and install into install/'
 	@echo 'make test                         lint, build, and run the whole test suite'
 	@echo 'make soak                         inject faults and load for half an hour; print a table'
+	@echo "make robot [ROBOT='--goals 20']    a robot of ordinary topics: live, and from its bag"
+	@echo "make load [LOAD='--seconds 10']    what the sampler costs beside bare subscriptions"
 	@echo "make paper [PAPER='--trials 6']    recompute the paper's figures into reproduction/"
 	@echo "make benchmark [BENCHMARK='--trials 3']  time and rank sum: direct port, engine, KDR, peers"
 	@echo "make growth [GROWTH='steps']       time and memory over episodes, steps, channels: growth/"
@@ -63,6 +68,12 @@ test: lint build .venv-oldest/ready
 
 soak: build
 	@$(ENTER) && exec python -m studies.soak $(SOAK)
+
+robot: build
+	@$(ENTER) && exec python -m studies.robot $(ROBOT)
+
+load: build
+	@$(ENTER) && exec python -m studies.robot.load $(LOAD)
 
 paper: build
 	@$(ENTER) && exec python -m studies.paper.reproduce $(PAPER)

@@ -44,7 +44,7 @@ _OBSTACLES = '\n'.join(
 #: In ir-sim's format. Whatever stands somewhere is put elsewhere before each episode.
 WORLD = f"""
 world:
-  {{height: 30, width: 30, offset: [-10, -10], step_time: {STEP_SECONDS}, collision_mode: stop}}
+  {{height: 30, width: 30, offset: [-10, -10], step_time: %s, collision_mode: stop}}
 robot:
   - kinematics: {{name: omni}}
     shape: {{name: circle, radius: 0.2}}
@@ -66,16 +66,17 @@ class LidarWorld:
     ----------
     rng : numpy.random.Generator
         Draws start, obstacles and how the robot drives.
+    step_seconds : float, optional
 
     """
 
-    def __init__(self, rng: np.random.Generator):
+    def __init__(self, rng: np.random.Generator, step_seconds: float = STEP_SECONDS):
         import irsim
 
         self._rng = rng
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / 'world.yaml'
-            path.write_text(WORLD)
+            path.write_text(WORLD % step_seconds)
             self._env = irsim.make(str(path), headless=True, log_level='ERROR')
         self._robot = self._env.robot
 
@@ -93,9 +94,15 @@ class LidarWorld:
 
     def step(self) -> tuple[np.ndarray, float, bool]:
         """Drive a step; return what is observed then, the reward, and if the episode has ended."""
-        position = self._robot.state[:2, 0]
-        way = np.array(GOAL) - position
-        velocity = SPEED * way / np.linalg.norm(way) + self._rng.normal(0, 0.7, size=2)
+        return self.move(self.steer())
+
+    def steer(self) -> np.ndarray:
+        """Return a velocity in m/s, shape (2,), by which the robot would drive now."""
+        way = np.array(GOAL) - self._robot.state[:2, 0]
+        return SPEED * way / np.linalg.norm(way) + self._rng.normal(0, 0.7, size=2)
+
+    def move(self, velocity: np.ndarray) -> tuple[np.ndarray, float, bool]:
+        """Drive a step with a velocity; return what `step` does."""
         self._env.step(velocity[:, None])
         observation = self._observe()
         if self._robot.collision:

@@ -15,10 +15,13 @@ from cmifs_ros.core import Episode
 
 from .reward_reader import RewardReader
 from .robot_file import RobotFile
-from .sampler import Sampler, event_time
+from .sampler import SECOND, Sampler, event_time
 from .transitions import EpisodeAssembler
 
-MAX_EPISODE_STEPS = 10_000
+#: As the selector's parameter max_episode_steps.
+MAX_EPISODE_STEPS = 1000
+CLOCK = '/clock'
+_MEND = 'one that was cut off is mended by `mcap recover` (MCAP) or `ros2 bag reindex`'
 
 
 class BagError(Exception):
@@ -58,7 +61,8 @@ def episodes_of_bag(
     """Return a bag's whole episodes, and how much was dropped.
 
     Messages are read one after the other; only the episodes stay in memory. A message without a
-    header's stamp is at the time at which it was recorded.
+    header's stamp is at the time at which it was recorded, by /clock if that was recorded too, as
+    it is for a node with use_sim_time.
 
     Parameters
     ----------
@@ -79,11 +83,17 @@ def episodes_of_bag(
     collector = _StatesAndRewards(assembler) if robot is None else _Sampled(assembler, robot)
     with open_bag(path) as reader:
         topics = collector.topics_among(reader.topics, path)
-        total = sum(c.msgcount for c in reader.connections if c.topic in topics)
-        count = 0
-        for topic, message, recorded in watch(messages_of(reader, path, topics), total):
-            collector.add(topic, message, event_time(message, recorded))
-            count += 1
+        clock = reader.topics.get(CLOCK)
+        has_clock = clock is not None and clock.msgtype == 'rosgraph_msgs/msg/Clock'
+        read = {*topics, CLOCK} if has_clock else set(topics)
+        total = sum(c.msgcount for c in reader.connections if c.topic in read)
+        count, now = 0, 0
+        for topic, message, recorded in watch(messages_of(reader, path, read), total):
+            if has_clock and topic == CLOCK:
+                now = message.clock.sec * SECOND + message.clock.nanosec
+            if topic in topics:
+                collector.add(topic, message, now if has_clock else recorded)
+                count += 1
     names, dropped = collector.finish()
     dropped |= {f'messages, {cause}': n for cause, n in assembler.dropped_messages.items()}
     dropped |= {f'episodes, {cause}': n for cause, n in assembler.dropped_episodes.items()}
@@ -106,7 +116,7 @@ def open_bag(path: str | Path) -> Iterator:
         reader = AnyReader([Path(path)], default_typestore=get_typestore(Stores.ROS2_JAZZY))
         reader.open()
     except Exception as error:  # A foreign or torn file breaks its readers in many ways.
-        raise BagError(f'{path} cannot be read as a bag: {_shown(error)}') from error
+        raise BagError(f'{path} cannot be read as a bag: {_shown(error)}; {_MEND}') from error
     try:
         yield reader
     finally:
@@ -120,7 +130,7 @@ def messages_of(reader, path: str | Path, topics: Collection[str]) -> Iterator[t
         for connection, recorded, data in reader.messages(wanted):
             yield connection.topic, reader.deserialize(data, connection.msgtype), recorded
     except Exception as error:  # What is raised where this is used does not pass here.
-        raise BagError(f'{path} breaks off: {_shown(error)}') from error
+        raise BagError(f'{path} breaks off: {_shown(error)}; {_MEND}') from error
 
 
 def _shown(error: Exception) -> str:
@@ -144,8 +154,8 @@ class _Sampled:
             )
         return self._robot.topics
 
-    def add(self, topic: str, message, stamp: int) -> None:
-        self._collect(self._sampler.add(topic, message, stamp))
+    def add(self, topic: str, message, recorded: int) -> None:
+        self._collect(self._sampler.add(topic, message, recorded))
 
     def _collect(self, steps) -> None:
         for step in steps:
@@ -177,8 +187,9 @@ class _StatesAndRewards:
             )
         return f'{spaces[0]}/state', f'{spaces[0]}/reward'
 
-    def add(self, topic: str, message, stamp: int) -> None:
+    def add(self, topic: str, message, recorded: int) -> None:
         try:
+            stamp = event_time(message) or recorded
             names, values = list(message.name), array('d', message.position)
             if topic.endswith('/state'):
                 self.episodes += self._assembler.add_state(stamp, names, values)

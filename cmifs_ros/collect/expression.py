@@ -1,7 +1,8 @@
 """Arithmetic over named values, as a robot file writes it; never `eval`.
 
 Only what is listed here is understood: everything else of Python is refused when the file is
-read. All numbers are floats, so that nothing grows beyond 8 bytes.
+read. All numbers are floats, so that nothing grows beyond 8 bytes. NaN is what is not known: so is
+what is computed of it, also a comparison, unless the rest decides, as in `nan or 1`.
 """
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ from __future__ import annotations
 import ast
 import math
 import operator
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 MAX_LENGTH = 1000
 MAX_NODES = 200
@@ -23,7 +24,11 @@ _BINARY = {
     ast.Div: operator.truediv,
     ast.Pow: operator.pow,
 }
-_UNARY = {ast.UAdd: operator.pos, ast.USub: operator.neg, ast.Not: operator.not_}
+_UNARY = {
+    ast.UAdd: operator.pos,
+    ast.USub: operator.neg,
+    ast.Not: lambda value: value if math.isnan(value) else not value,
+}
 _COMPARE = {
     ast.Lt: operator.lt,
     ast.LtE: operator.le,
@@ -140,16 +145,24 @@ def _value(node: ast.expr, values: Mapping, before: Mapping):  # noqa: PLR0911
         case ast.Name():
             return values[node.id]
         case ast.BinOp():
-            return _BINARY[type(node.op)](
-                _value(node.left, values, before), _value(node.right, values, before)
+            return _known(
+                _BINARY[type(node.op)],
+                _value(node.left, values, before),
+                _value(node.right, values, before),
             )
         case ast.UnaryOp():
             return _UNARY[type(node.op)](_value(node.operand, values, before))
         case ast.BoolOp():
-            quantifier = all if isinstance(node.op, ast.And) else any
-            return quantifier(_value(value, values, before) for value in node.values)
+            parts = [_value(value, values, before) for value in node.values]
+            known = [bool(part) for part in parts if not math.isnan(part)]
+            decides = isinstance(node.op, ast.Or)
+            if decides in known:
+                return decides
+            return not decides if len(known) == len(parts) else math.nan
         case ast.Compare():
             sides = [_value(side, values, before) for side in (node.left, *node.comparators)]
+            if any(map(math.isnan, sides)):
+                return math.nan
             return all(
                 _COMPARE[type(op)](left, right)
                 for op, left, right in zip(node.ops, sides[:-1], sides[1:], strict=True)
@@ -158,4 +171,9 @@ def _value(node: ast.expr, values: Mapping, before: Mapping):  # noqa: PLR0911
             return before[node.args[0].id]
         case ast.Call():
             arguments = [_value(argument, values, before) for argument in node.args]
-            return FUNCTIONS[node.func.id][0](*arguments)
+            return _known(FUNCTIONS[node.func.id][0], *arguments)
+
+
+def _known(function: Callable, *arguments: float) -> float:
+    """Return NaN if an argument is: `nan ** 0` and `min(1, nan)` are 1 in Python."""
+    return math.nan if any(map(math.isnan, arguments)) else function(*arguments)

@@ -7,10 +7,11 @@ import keyword
 import math
 import re
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
 from pathlib import Path
+from typing import NamedTuple
 
 from .bag import messages_of, open_bag
 from .field_path import MAX_PARTS, parse_field_path
@@ -22,7 +23,8 @@ _OF_ROS = ('/rosout', '/parameter_events', '/clock')
 _QUATERNION = 'geometry_msgs/msg/Quaternion'
 _TIMES = ('builtin_interfaces/msg/Time', 'builtin_interfaces/msg/Duration', 'std_msgs/msg/Header')
 _NO_NUMBERS = ('string', 'wstring')
-_BYTES = ('uint8', 'byte', 'octet')
+#: An array of these is a picture, or another file.
+BYTES = ('uint8', 'byte', 'octet')
 _IN_BRACES = re.compile(r'[^{},\s"\\]+')
 
 
@@ -38,6 +40,26 @@ class _Field:
         return '.'.join((self.topic, *self.fields)) + self.end
 
 
+class Heard(NamedTuple):
+    """What was heard of a topic: its type, its first message (or None), and how many came."""
+
+    topic: str
+    kind: str
+    first: object | None
+    count: int
+
+
+class TypeField(NamedTuple):
+    """A field of a message type: its name and what it is.
+
+    It is 'number', 'numbers' (an array) or the name of a message type; what else it may be has no
+    numbers.
+    """
+
+    name: str
+    what: str
+
+
 def robot_file_of_bag(path: str | Path) -> str:
     """Return the text of a robot file with all channels of a bag.
 
@@ -49,31 +71,80 @@ def robot_file_of_bag(path: str | Path) -> str:
         If the bag cannot be read.
 
     """
+    with open_bag(path) as reader:
+        heard = [
+            Heard(topic, info.msgtype, next(messages_of(reader, path, [topic]))[1], info.msgcount)
+            if info.msgcount and is_of_robot(topic)
+            else Heard(topic, info.msgtype, None, info.msgcount)
+            for topic, info in reader.topics.items()
+        ]
+        definitions = reader.typestore.fielddefs
+        return robot_file_of_topics(
+            Path(path).name,
+            heard,
+            reader.duration / 1e9,
+            lambda kind: [TypeField(name, _what(node)) for name, node in definitions[kind][1]],
+        )
+
+
+def _what(node: tuple) -> str:
+    """Return what a field of rosbags' is, see `TypeField`."""
+    kind, inner = node[0].name, node[1]
+    if kind == 'NAME':
+        return inner
+    element = node if kind == 'BASE' else inner[0]
+    if element[0].name != 'BASE' or element[1][0] in _NO_NUMBERS:
+        return ''
+    if kind == 'BASE':
+        return 'number'
+    return '' if element[1][0] in BYTES else 'numbers'
+
+
+def robot_file_of_topics(
+    title: str,
+    heard: Iterable[Heard],
+    seconds: float,
+    fields_of: Callable[[str], Iterable[TypeField]],
+) -> str:
+    """Return the text of a robot file with all channels of some topics.
+
+    Parameters
+    ----------
+    title : str
+        Where they were heard.
+    heard : iterable of Heard
+    seconds : float
+        For how long.
+    fields_of : callable
+        From the name of a message type to its fields, in order.
+
+    """
     found: list[_Field] = []
     without: list[str] = []
     actions: list[str] = []
-    with open_bag(path) as reader:
-        seconds = reader.duration / 1e9
-        for topic, info in sorted(reader.topics.items()):
-            if topic.endswith(STATUS):
-                actions.append(topic.removesuffix(STATUS))
-            if topic in _OF_ROS or '/_action/' in topic:
-                continue
-            first = next(messages_of(reader, path, [topic]), None)
-            if first is None:
-                without.append(f'{topic} has no messages')
-                continue
-            age = _max_age(seconds, info.msgcount)
-            definitions = reader.typestore.fielddefs
-            fields = [
-                replace(field, options=field.options + age)
-                for field in _numbers(definitions, info.msgtype, first[1], topic)
-                if _is_path(field.path)
-            ]
-            found += fields
-            if not fields:
-                without.append(f'{topic} ({info.msgtype}) has no numeric field')
-    return _text(Path(path).name, found, without, actions)
+    for topic, kind, first, count in sorted(heard, key=lambda h: h.topic):
+        if topic.endswith(STATUS):
+            actions.append(topic.removesuffix(STATUS))
+        if not is_of_robot(topic):
+            continue
+        if first is None:
+            without.append(f'{topic} has no messages')
+            continue
+        age = _max_age(seconds, count)
+        fields = [
+            replace(field, options=field.options + age)
+            for field in _numbers(fields_of, kind, first, topic)
+            if _is_path(field.path)
+        ]
+        found += fields
+        if not fields:
+            without.append(f'{topic} ({kind}) has no numeric field')
+    return _text(title, found, without, actions)
+
+
+def is_of_robot(topic: str) -> bool:
+    """Tell whether a topic may be a sensor's: neither ROS's own nor an action's."""
+    return topic not in _OF_ROS and '/_action/' not in topic
 
 
 def _max_age(seconds: float, count: int) -> str:
@@ -93,30 +164,27 @@ def _is_path(text: str) -> bool:
 
 
 def _numbers(
-    definitions: dict, kind: str, message, topic: str, above: tuple[str, ...] = ()
+    fields_of: Callable, kind: str, message, topic: str, above: tuple[str, ...] = ()
 ) -> Iterator[_Field]:
     """Yield the numeric fields of a type; a message says how long its arrays are."""
     if len(above) >= MAX_PARTS:
         return
-    for name, (node, what) in definitions[kind][1]:
+    for name, what in fields_of(kind):
         fields = (*above, name)
         value = getattr(message, name, None)
-        node_name = node.name
-        if value is None or name == 'structure_needs_at_least_one_member':
+        if value is None or not what or name == 'structure_needs_at_least_one_member':
             continue
-        if node_name == 'NAME':
-            if what == _QUATERNION:
-                yield _Field(topic, fields, '', ', as: yaw')
-            elif what not in _TIMES:
-                yield from _numbers(definitions, what, value, topic, fields)
-        elif node_name == 'BASE':
-            if what[0] not in _NO_NUMBERS:
-                yield _Field(topic, fields)
-        elif what[0][0].name == 'BASE' and what[0][1][0] not in (*_NO_NUMBERS, *_BYTES):
+        if what == 'number':
+            yield _Field(topic, fields)
+        elif what == 'numbers':
             end = _end(name, value, list(getattr(message, 'name', ())))
             inf = ', inf: range_max' if name == 'ranges' and hasattr(message, 'range_max') else ''
             if end:
                 yield _Field(topic, fields, end, inf)
+        elif what == _QUATERNION:
+            yield _Field(topic, fields, '', ', as: yaw')
+        elif what not in _TIMES:
+            yield from _numbers(fields_of, what, value, topic, fields)
 
 
 def _end(name: str, values: Sequence, names: list[str]) -> str:

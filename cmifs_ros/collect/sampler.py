@@ -1,7 +1,8 @@
 """From a robot's messages to steps: states and rewards in event time.
 
-The same class for live messages and for those of a bag. Messages wait until every stream has
-passed their time or `lateness` is over, so that the order of arrival does not matter.
+The same class for live messages and for those of a bag. Messages wait until every topic has
+passed their time or `lateness` is over, and those of one topic are taken in the order of their
+stamps alone, so that nothing depends on which topic's message arrives first.
 """
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ from __future__ import annotations
 import heapq
 import math
 from array import array
-from collections import Counter
+from collections import Counter, deque
 from typing import NamedTuple
 
 from .expression import Expression
@@ -18,9 +19,12 @@ from .robot_file import OWN_VALUES, STATUS, RobotFile, Source
 from .transitions import RewardSample
 
 SECOND = 1_000_000_000
-#: A single message this far from the others is wrong; two in a row mean that the clock was set.
+#: A message this far from the others is wrong; two of a topic in a row: the clock was set.
 JUMP = 60 * SECOND
 MAX_WAITING = 100_000
+MAX_SUSPECTS = 100
+#: A time of receipt runs ahead of the stamps if who receives is behind: it counts so much less.
+BEHIND = 2 * SECOND
 _UNREADABLE = (
     MissingFieldError, TypeError, ValueError, AttributeError, LookupError, ArithmeticError,
 )  # fmt: skip
@@ -36,12 +40,10 @@ class Step(NamedTuple):
     sample: RewardSample
 
 
-def event_time(message, sent: int) -> int:
-    """Return when a message was: its header's stamp if there is one other than 0, else `sent`."""
+def event_time(message) -> int | None:
+    """Return its header's stamp in nanoseconds; None if there is none, or it is 0."""
     stamp = getattr(getattr(message, 'header', None), 'stamp', None)
-    if stamp is None:
-        return sent
-    return stamp.sec * SECOND + stamp.nanosec or sent
+    return None if stamp is None else (stamp.sec * SECOND + stamp.nanosec or None)
 
 
 class Sampler:
@@ -51,12 +53,14 @@ class Sampler:
     ----------
     robot : RobotFile
     lateness : float, optional
-        For how long, in seconds of event time, a message waits for those of silent streams.
+        For how long, in seconds of event time, a message waits for those of silent topics; two
+        seconds longer by the time of what has no stamp.
 
     Attributes
     ----------
     received, late, wrong : collections.Counter
-        Messages by topic: taken, too late to be used, without the field or with a far stamp.
+        Messages by topic: taken; older than one of the topic before, or too late for the others;
+        without the field or with a far stamp.
     missing : collections.Counter
         Steps that lack a channel or value, by its name.
     num_moments : int
@@ -84,6 +88,7 @@ class Sampler:
         self.num_steps = 0
         self._sequence = 0
         self._episode = 0
+        self._unstamped: set[str] = set()
         self._rank = {topic: rank for rank, topic in enumerate(robot.topics)}
         self._set_clock()
 
@@ -92,7 +97,7 @@ class Sampler:
         self._waiting: list = []
         self._newest: dict[str, int] = {}
         self._passed: int | None = None  # All before this time has been worked through.
-        self._suspect: int | None = None
+        self._suspects: dict[str, deque[tuple[int, dict]]] = {}  # By topic, its last, all far.
         self._held: dict[str, tuple[int, list[float]]] = {}
         self._next_tick: int | None = None
         self._goal: bytes | None = None
@@ -105,7 +110,7 @@ class Sampler:
         self._has_reward = False
         self._events = dict.fromkeys(('terminated', 'truncated', *_ENDED.values()), False)
 
-    def add(self, topic: str, message, stamp: int) -> list[Step]:
+    def add(self, topic: str, message, received: int) -> list[Step]:
         """Take a message; return the steps that are complete now.
 
         Parameters
@@ -114,38 +119,68 @@ class Sampler:
             One of the robot file's.
         message : object
             With the message's attributes; not kept after its values were read.
-        stamp : int
-            Its event time in nanoseconds, see `event_time`.
+        received : int
+            When it was received or recorded, in nanoseconds: its time if it has no stamp.
 
         """
         self.received[topic] += 1
         steps = []
+        try:
+            own = event_time(message)
+        except _UNREADABLE as error:
+            self.note_wrong(topic, f'its stamp: {error}')
+            return []
+        stamp = received if own is None else own
+        content = self._read(topic, message)
         newest = max(self._newest.values(), default=None)
-        if newest is not None and abs(stamp - newest) > JUMP:
-            if self._suspect is None or abs(stamp - self._suspect) > JUMP:
-                self._suspect = stamp
-                self.note_wrong(topic, f'stamp {stamp} ns is far from {newest} ns')
+        if newest is None or abs(stamp - newest) <= JUMP:
+            self._suspects.pop(topic, None)
+        else:
+            suspects = self._suspects.setdefault(topic, deque(maxlen=MAX_SUSPECTS))
+            if suspects and abs(stamp - suspects[-1][0]) > JUMP:
+                suspects.clear()
+            suspects.append((stamp, content))
+            # When a message was received tells nothing of a clock by which others are stamped.
+            is_led = own is None and self._newest.keys() - self._unstamped
+            if is_led or len(suspects) == 1:
+                self.note_wrong(topic, _far(stamp, newest, own is None))
                 return []
-            steps = self.flush()
-            self._episode += 1
-            self._set_clock()
-        self._suspect = None
-        if self._passed is not None and stamp < self._passed:
+            suspects.pop()
+            steps = self._change_clock(stamp)
+        if stamp < max(self._passed or 0, self._newest.get(topic, 0)):
             self.late[topic] += 1
             return steps
-        content = self._read(topic, message)
-        self._sequence += 1
-        heapq.heappush(self._waiting, (stamp, self._rank[topic], self._sequence, topic, content))
-        self._newest[topic] = max(stamp, self._newest.get(topic, stamp))
-        limit = max(self._newest.values()) - self._lateness
+        self._wait(topic, stamp, content)
+        (self._unstamped.add if own is None else self._unstamped.discard)(topic)
+        limit = max(
+            time - self._lateness - (BEHIND if topic in self._unstamped else 0)
+            for topic, time in self._newest.items()
+        )
         if len(self._newest) == len(self._by_topic):
             limit = max(limit, min(self._newest.values()))
         if len(self._waiting) > MAX_WAITING:
             limit = max(limit, self._waiting[0][0] + 1)
         return steps + self._work(limit)
 
+    def _wait(self, topic: str, stamp: int, content: dict) -> None:
+        self._sequence += 1
+        heapq.heappush(self._waiting, (stamp, self._rank[topic], self._sequence, topic, content))
+        self._newest[topic] = stamp
+
+    def _change_clock(self, stamp: int) -> list[Step]:
+        """End what was before a clock was set; what topics said since then counts."""
+        steps, suspects = self.flush(), self._suspects
+        self._episode += 1
+        self._set_clock()
+        for topic, messages in suspects.items():
+            for first, content in messages:
+                if abs(first - stamp) <= JUMP:
+                    self.wrong[topic] -= 1
+                    self._wait(topic, first, content)
+        return steps
+
     def flush(self) -> list[Step]:
-        """Work through all that waits, at the end of a bag; the open episode stays open."""
+        """Work through all that waits, when nothing more is due; the open episode stays open."""
         return self._work(max(self._newest.values()) + 1) if self._newest else []
 
     def note_wrong(self, topic: str, what: str) -> None:
@@ -296,6 +331,16 @@ class Sampler:
         if isinstance(self._robot.reward, Expression):
             return self._robot.reward(values, {**dict.fromkeys(values, math.nan), **before})
         return self._sum if self._has_reward else 0.0
+
+
+def _far(stamp: int, newest: int, is_received: bool) -> str:
+    what = f'{stamp / SECOND:.3f} s is far from {newest / SECOND:.3f} s, where the others are'
+    if is_received:
+        return (
+            f'it has no stamp, and when it was received, {what}: if their time is simulated, '
+            'set use_sim_time, or record /clock'
+        )
+    return f'its stamp {what}'
 
 
 def _number(value) -> float:

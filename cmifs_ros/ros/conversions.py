@@ -117,11 +117,11 @@ def named_values_to_msg(header: Header, names: Iterable[str], values: Iterable[f
     return JointState(header=header, name=list(names), position=[float(v) for v in values])
 
 
-def reward_sample_to_msg(header: Header, sample: RewardSample, action: int) -> JointState:
-    """Return a `reward` message with all its fields."""
+def reward_sample_to_msg(header: Header, sample: RewardSample, action: int | None) -> JointState:
+    """Return a `reward` message with all its fields; an action that is no number is left out."""
     fields = {
         'reward': sample.reward,
-        'action': action,
+        **({} if action is None else {'action': action}),
         'terminated': sample.terminated,
         'truncated': sample.truncated,
         'episode': sample.episode,

@@ -14,12 +14,15 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 
 from cmifs_ros.collect.robot_file import STATUS, load_robot_file
-from cmifs_ros.collect.sampler import Sampler, event_time
+from cmifs_ros.collect.sampler import Sampler, Step
 from cmifs_ros.collect.state_reader import listed
 
 from . import conversions, diagnostics
 from .following_subscription import FollowingSubscription
 from .sampler_status import SamplerStatus
+
+#: Seconds without any message after which none is waited for.
+_QUIET = 2.0
 
 
 class SamplerNode(Node):
@@ -57,40 +60,53 @@ class SamplerNode(Node):
         self._discover()
 
     def _discover(self) -> None:
-        """Subscribe to the topics whose type is known by now."""
-        waiting = [t for t in self._robot.topics if t not in self._subscriptions_by_topic]
-        if not waiting:
+        """Subscribe to the topics whose type is known by now, anew where it has changed."""
+        types = self._robot.types or {}
+        for topic in self._robot.topics:
+            subscription = self._subscriptions_by_topic.get(topic)
+            if subscription is None:
+                self._subscribe(topic, types.get(topic))
+            elif subscription.clashes and not subscription.publishers and topic not in types:
+                # The next look subscribes anew: until then the old type is not given up.
+                subscription.destroy()
+                del self._subscriptions_by_topic[topic]
+                self._problems[topic] = 'nobody publishes it'
+
+    def _subscribe(self, topic: str, name: str | None) -> None:
+        """Subscribe to a topic of this type, or of the one by which it is published."""
+        publishers = self.get_publishers_info_by_topic(self.resolve_topic_name(topic))
+        name = name or next((p.topic_type for p in publishers if p.topic_type), None)
+        if name is None:
             return
-        found = dict(self.get_topic_names_and_types())
-        for topic in waiting:
-            name = (self._robot.types or {}).get(topic) or next(
-                iter(found.get(self.resolve_topic_name(topic), ())), None
-            )
-            if name is None:
-                continue
-            try:
-                message_type = conversions.message_type(name)
-            except (ValueError, ImportError, AttributeError) as error:
-                self._problems[topic] = f'its type {name} is not installed here: {error}'
-                if topic not in self._refused:
-                    self._refused.add(topic)
-                    self.get_logger().error(f'{topic}: {self._problems[topic]}')
-                continue
+        try:
+            message_type = conversions.message_type(name)
+        except (ValueError, ImportError, AttributeError) as error:
+            self._problems[topic] = f'its type {name} is not installed here: {error}'
+            if topic not in self._refused:
+                self._refused.add(topic)
+                self.get_logger().error(f'{topic}: {self._problems[topic]}')
+            return
+        try:
             self._subscriptions_by_topic[topic] = FollowingSubscription(
                 self, message_type, topic, partial(self._take, topic)
             )
-            del self._problems[topic]
+        except RuntimeError as error:  # Of the middleware, which may still hold another type.
+            self._problems[topic] = f'no subscription to {name}: {error}'
+            return
+        del self._problems[topic]
 
     def _take(self, topic: str, message) -> None:
         self._status.heard(topic)
         try:
-            # The EventsExecutor of rclpy 7.1.6 fails on callbacks that ask for the message's info,
-            # so that without a stamp it is the time of receipt.
-            stamp = event_time(message, self.get_clock().now().nanoseconds)
-            steps = self._sampler.add(topic, message, stamp)
+            # When it was sent is not known: the EventsExecutor of rclpy 7.1.6 fails on callbacks
+            # that ask for the message's info.
+            steps = self._sampler.add(topic, message, self.get_clock().now().nanoseconds)
         except Exception as error:  # A message of whatever type must not end the node.
             self._sampler.note_wrong(topic, f'{type(error).__name__}: {error}')
             return
+        self._publish(steps)
+
+    def _publish(self, steps: list[Step]) -> None:
         for step in steps:
             header = Header(stamp=conversions.stamp_from_nanoseconds(step.stamp))
             self._state_publisher.publish(
@@ -102,6 +118,8 @@ class SamplerNode(Node):
             )
 
     def _report(self) -> None:
+        if self._status.silence() > _QUIET:  # Of a robot that rests, the last episode is due.
+            self._publish(self._sampler.flush())
         problems = dict(self._problems)
         for topic, subscription in self._subscriptions_by_topic.items():
             if subscription.clashes and not subscription.publishers:

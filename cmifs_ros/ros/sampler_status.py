@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections import Counter, deque
 from collections.abc import Mapping
@@ -40,6 +41,10 @@ class SamplerStatus:
     def heard(self, topic: str) -> None:
         """Note that a message of a topic has come."""
         self._heard_at[topic] = time.monotonic()
+
+    def silence(self) -> float:
+        """Return the seconds since the newest message of any topic; inf before the first."""
+        return time.monotonic() - max(self._heard_at.values(), default=-math.inf)
 
     def statuses(self, problems: Mapping[str, str]) -> list[DiagnosticStatus]:
         """Return a status of the steps and one of each topic.
@@ -92,7 +97,7 @@ class SamplerStatus:
         return diagnostics.status(f'{self._name}: steps', level, message, values)
 
     def _topic(self, topic: str, now: dict, past: dict, seconds: float, problem: str):
-        age = now['time'] - self._heard_at.get(topic, -float('inf'))
+        age = now['time'] - self._heard_at.get(topic, -math.inf)
         is_silent = age > max(_SILENCE, self._max_ages[topic])
         fresh = {key: now[key][topic] - past[key][topic] for key in ('late', 'wrong')}
         level, message = diagnostics.OK, 'received'
@@ -101,9 +106,9 @@ class SamplerStatus:
         elif is_silent:
             level, message = (
                 diagnostics.STALE,
-                'no message came' if age == float('inf') else 'silent',
+                'no message came' if age == math.inf else 'silent',
             )
-        elif fresh['wrong']:
+        elif fresh['wrong'] > 0:
             level, message = diagnostics.WARN, f'of no use: {self._sampler.last_wrong[topic]}'
         elif fresh['late']:
             level, message = diagnostics.WARN, 'comes later than steps can wait for'

@@ -1,4 +1,7 @@
-"""The simulator node: the grid-world robot, publishing its state and reward."""
+"""The simulator node: a robot that publishes its state and reward.
+
+It is that of the grid world, or any environment of Gymnasium.
+"""
 
 from __future__ import annotations
 
@@ -12,6 +15,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Header, Int32
 from visualization_msgs.msg import MarkerArray
 
+from cmifs_ros.collect.gymnasium_world import GymnasiumWorld
 from cmifs_ros.collect.transitions import RewardSample
 from cmifs_ros.sim import SCENARIOS, GridWorld, sample_action
 from cmifs_ros.sim.grid_world import MOVES, WALLS
@@ -22,14 +26,17 @@ from .parameters import Spec, declare
 MILLISECOND = 1_000_000  # in nanoseconds
 
 PARAMETERS = (
+    Spec('env', '', 'An environment of Gymnasium in place of the grid world, such as Pendulum-v1, '
+         'with random actions as its own policy; gymnasium has to be installed.', read_only=True),
     Spec('scenario', 'without_gravel', 'The world; a change takes effect at the next episode.',
          choices=SCENARIOS),
     Spec('rate', 20.0, 'Steps per second.', (0.01, 10_000)),
     Spec('seed', -1, 'Seed of the world and the policy, -1 draws one; a change starts a new '
          'sequence of episodes at the next one.', (-1, 2**31 - 1)),
     Spec('policy', 'own', 'Who acts: its own policy, or whoever publishes `action` '
-         '(std_msgs/Int32: 0 up, 1 down, 2 left, 3 right); the newest one holds, and until one '
-         'comes its own policy acts.', choices=('own', 'topic')),
+         '(std_msgs/Int32: 0 up, 1 down, 2 left, 3 right, or of a Discrete space of `env`); '
+         'the newest one holds, and until one comes its own policy acts.',
+         choices=('own', 'topic')),
     Spec('num_episodes', 0, 'Episodes to publish; 0 never ends.', (0, 2**31 - 1)),
     Spec('wait_for_subscribers', True,
          'Begin only when somebody subscribes to both state and reward, so that none is lost.'),
@@ -37,7 +44,7 @@ PARAMETERS = (
 
 
 class SimulatorNode(Node):
-    """Publish one step of the grid world at each tick, state and reward under one stamp."""
+    """Publish one step of the world at each tick, state and reward under one stamp."""
 
     def __init__(self):
         super().__init__('simulator')
@@ -51,13 +58,15 @@ class SimulatorNode(Node):
         self.create_subscription(Int32, 'action', self._on_action, 10)
         self._action: int | None = None  # the newest of the topic
         self._unpaid: Header | None = None  # of the state in which an action is waited for
-        self._world: GridWorld | None = None
+        self._world: GridWorld | GymnasiumWorld | None = None
         self._state: np.ndarray | None = None  # None between episodes
         self._episode = -1
         self._step = 0
         self._last_stamp = -MILLISECOND
         self._has_begun = False
         self._said_of_limit = 0
+        self._make_world()
+        self._running = self._world  # A new one runs from the next episode on.
         if self._settings['wait_for_subscribers']:
             self.get_logger().info('waiting for a subscriber of state and reward')
         self._timer = self.create_timer(1 / self._settings['rate'], self._tick)
@@ -88,24 +97,29 @@ class SimulatorNode(Node):
             self._act(header, self._choose_action())
 
     def _on_action(self, msg: Int32) -> None:
-        if msg.data in MOVES:
+        world = self._running
+        is_grid = isinstance(world, GridWorld)
+        if msg.data in MOVES if is_grid else world.allows(msg.data):
             self._action = msg.data
         else:
+            actions = '0 (up), 1 (down), 2 (left), 3 (right)' if is_grid else world.actions
             self.get_logger().warning(
-                f'action is {msg.data}; expected 0 (up), 1 (down), 2 (left), 3 (right)',
-                throttle_duration_sec=10.0,
+                f'action is {msg.data}; expected {actions}', throttle_duration_sec=10.0
             )
 
-    def _choose_action(self) -> int:
-        if self._action is None or self._settings['policy'] != 'topic':
+    def _choose_action(self):
+        if self._action is not None and self._settings['policy'] == 'topic':
+            return self._action
+        if isinstance(self._running, GridWorld):
             return sample_action(self._state, self._policy_rng)
-        return self._action
+        return self._running.sample_action()
 
-    def _act(self, header: Header, action: int) -> None:
+    def _act(self, header: Header, action) -> None:
         self._unpaid = None
         self._state, reward, terminated, truncated, _ = self._running.step(action)
         sample = RewardSample(reward, terminated, truncated, self._episode, self._step)
-        self._reward_publisher.publish(conversions.reward_sample_to_msg(header, sample, action))
+        number = int(action) if np.ndim(action) == 0 else None
+        self._reward_publisher.publish(conversions.reward_sample_to_msg(header, sample, number))
         self._step += 1
         if terminated or truncated:
             self._state = None
@@ -124,24 +138,31 @@ class SimulatorNode(Node):
                 self.get_logger().info(f'published {self._episode + 1} episodes')
             return False
         if self._world is None:
-            seed = self._settings['seed']
-            if seed < 0:
-                seed = secrets.randbelow(2**31)
-            world_seed, policy_seed = np.random.SeedSequence(seed).spawn(2)
-            self._world = GridWorld(self._settings['scenario'], seed=world_seed)
-            self._policy_rng = np.random.default_rng(policy_seed)
-            self.get_logger().info(
-                f'{self._world.scenario}, seed {seed}, {self._settings["rate"]:g} steps/s'
-            )
+            self._make_world()
         self._running = self._world
         self._names = self._world.channel_names
         self._state, _ = self._world.reset()
         self._episode += 1
         self._step = 0
-        self._map_publisher.publish(
-            conversions.grid_to_msg(self._header(), WALLS, self._world.gravel)
-        )
+        if isinstance(self._world, GridWorld):
+            self._map_publisher.publish(
+                conversions.grid_to_msg(self._header(), WALLS, self._world.gravel)
+            )
         return True
+
+    def _make_world(self) -> None:
+        seed, name = self._settings['seed'], self._settings['env']
+        if seed < 0:
+            seed = secrets.randbelow(2**31)
+        if name:
+            self._world = GymnasiumWorld(name, seed)
+        else:
+            world_seed, policy_seed = np.random.SeedSequence(seed).spawn(2)
+            self._world = GridWorld(self._settings['scenario'], seed=world_seed)
+            self._policy_rng = np.random.default_rng(policy_seed)
+        self.get_logger().info(
+            f'{name or self._world.scenario}, seed {seed}, {self._settings["rate"]:g} steps/s'
+        )
 
     def _header(self) -> Header:
         # Two steps must not share a stamp, even if a simulated clock ticks coarsely.
@@ -151,8 +172,8 @@ class SimulatorNode(Node):
         return Header(stamp=conversions.stamp_from_nanoseconds(self._last_stamp), frame_id='map')
 
     def _publish_markers(self, header: Header) -> None:
-        if self._marker_publisher.get_subscription_count():
-            world = self._running
+        world = self._running
+        if isinstance(world, GridWorld) and self._marker_publisher.get_subscription_count():
             self._marker_publisher.publish(
                 conversions.robot_to_msg(header, world.column, world.row, world.battery)
             )

@@ -1,4 +1,7 @@
-"""Write a first robot file: `ros2 run cmifs_ros make_robot_file --bag BAG --out my_robot.yaml`."""
+"""Write a first robot file, from the running robot or a bag.
+
+`ros2 run cmifs_ros make_robot_file --out my_robot.yaml`
+"""
 
 from __future__ import annotations
 
@@ -7,15 +10,22 @@ import sys
 from pathlib import Path
 
 from cmifs_ros.collect.bag import BagError
-from cmifs_ros.collect.robot_template import robot_file_of_bag
+from cmifs_ros.collect.robot_template import robot_file_of_bag, robot_file_of_topics
 
+from .arguments import number_from
 from .program import StudyError, exit_code
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the command; return its exit code."""
     parser = argparse.ArgumentParser('make_robot_file', description=__doc__)
-    parser.add_argument('--bag', required=True, metavar='BAG', help='a file or a folder')
+    parser.add_argument(
+        '--bag', metavar='BAG', help='a file or a folder (default: listen to what is running)'
+    )
+    parser.add_argument(
+        '--seconds', type=number_from(1), default=5, metavar='N',
+        help='for how long to listen (default 5)',
+    )  # fmt: skip
     parser.add_argument('--out', type=Path, metavar='FILE', help='a new file (default: print it)')
     options = parser.parse_args(arguments)
     return exit_code('make_robot_file', lambda: _run(options), 'nothing is written')
@@ -23,7 +33,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 def _run(options: argparse.Namespace) -> None:
     try:
-        text = robot_file_of_bag(options.bag)
+        text = robot_file_of_bag(options.bag) if options.bag else _listen(options.seconds)
         if options.out is None:
             print(text, end='')
             return
@@ -34,6 +44,20 @@ def _run(options: argparse.Namespace) -> None:
     except (BagError, OSError) as error:
         raise StudyError(str(error)) from error
     print(f'written: {options.out}; decide what is marked TODO in it, then: select_from_bag')
+
+
+def _listen(seconds: int) -> str:
+    from cmifs_ros.ros.graph_survey import fields_of, survey
+
+    print(f'listening for {seconds} s ...', file=sys.stderr, flush=True)
+    heard, unknown = survey(seconds)
+    if not any(one.first is not None for one in heard):
+        raise StudyError(
+            f'no message was heard in {seconds} s; is the robot running, with the same '
+            'ROS_DOMAIN_ID? --seconds listens longer, --bag reads a recording'
+        )
+    text = robot_file_of_topics('the running robot', heard, seconds, fields_of)
+    return text + ''.join(f'# {line}\n' for line in unknown)
 
 
 if __name__ == '__main__':

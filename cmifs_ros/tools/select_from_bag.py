@@ -110,7 +110,9 @@ def _select(bags: list[BagEpisodes], robot: RobotFile | None, options) -> None:
     written[0].write_text(json.dumps(reply_of(selection), indent=1) + '\n')
     draw_ranking(selection).savefig(written[1], dpi=150)
     if options.episodes_file:
-        saved = episode_file.Saved(names, episodes, selection, time.time())
+        # A selector that starts with a selection of nothing would publish nothing.
+        kept = selection if selection.indices else None
+        saved = episode_file.Saved(names, episodes, kept, time.time())
         episode_file.write(options.episodes_file, saved)
         written.append(options.episodes_file)
     if options.report:

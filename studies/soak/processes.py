@@ -39,6 +39,10 @@ class Process:
         command = (sys.executable, '-m', 'studies.soak.bare_nodes', node, executor)
         return cls(folder, *command, **parameters)
 
+    def has_ended(self) -> bool:
+        """Tell whether it has ended by itself."""
+        return self._process.poll() is not None
+
     def cpu_seconds(self) -> float:
         """Return the processor time used so far, without that of the worker."""
         fields = Path(f'/proc/{self.pid}/stat').read_text().rsplit(')', 1)[1].split()

@@ -1,6 +1,6 @@
 """Expressions of a robot file: what they compute and what they refuse."""
 
-from math import isnan
+from math import isnan, nan
 
 import pytest
 
@@ -23,6 +23,21 @@ def test_it_computes(text, expected):
 def test_what_has_no_value_is_nan():
     assert isnan(Expression('1 / d')({'d': 0.0}, {}))
     assert isnan(Expression('d ** 8')({'d': 1e300}, {}))
+
+
+@pytest.mark.parametrize(
+    ('text', 'expected'),
+    [
+        ('d < 1', None), ('d != 1', None), ('not d', None), ('not d < 1', None),
+        ('0 < d < 1', None),
+        ('d or 0', None), ('d and 1', None), ('d or 1', 1), ('1 or d', 1), ('d and 0', 0),
+        ('0 and d', 0), ('d ** 0', None), ('min(1, d)', None), ('max(d, 1)', None),
+        ('hypot(before(d), exp(800))', None), ('e < 1 or d < 1', 1), ('e > 1 or d < 1', None),
+    ],
+)  # fmt: skip
+def test_what_is_not_known_stays_so_unless_the_rest_decides(text, expected):
+    value = Expression(text)({'d': nan, 'e': 0.0}, {'d': nan})
+    assert isnan(value) if expected is None else value == expected
 
 
 @pytest.mark.parametrize(

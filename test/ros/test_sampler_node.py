@@ -1,5 +1,6 @@
 """Any robot: messages of its own types become episodes of the selector, by the robot file alone."""
 
+import itertools
 import json
 import random
 import signal
@@ -11,7 +12,7 @@ from action_msgs.msg import GoalStatus, GoalStatusArray
 from nav_msgs.msg import Odometry
 from rclpy.qos import QoSProfile, ReliabilityPolicy, qos_profile_action_status_default
 from sensor_msgs.msg import JointState, LaserScan
-from std_msgs.msg import Float32, String
+from std_msgs.msg import Bool, Float32, Float64, String
 
 from cmifs_ros.ros import conversions
 
@@ -115,7 +116,7 @@ def test_it_says_which_channel_breaks_episodes_and_goes_on(start, robot, robot_f
     drive = Drive(robot)
     rewards = []
     robot.node.create_subscription(JointState, 'reward', rewards.append, 10)
-    robot.until(lambda: len(rewards) > 20, 60)
+    robot.until(lambda: len(rewards) > 20 and robot.diagnostics, 60)
     drive.silent = {'scan'}
     robot.until(lambda: 'lack: scan' in robot.diagnostics['sampler: steps'][1])
     robot.until(lambda: robot.diagnostics['sampler: /scan'][0] == STALE)
@@ -146,7 +147,8 @@ def test_messages_of_another_type_than_the_file_means_do_not_end_it(start, robot
             for topic in ('/text', '/go/_action/status')
         )
     )
-    assert "could not convert string to float: 'hello'" in robot.diagnostics['sampler: /text'][1]
+    said = "could not convert string to float: 'hello'"
+    robot.until(lambda: said in robot.diagnostics['sampler: /text'][1])
     assert sampler.process.poll() is None
 
 
@@ -174,3 +176,45 @@ def test_stamps_of_steps_are_those_of_the_clock_topic(start, robot, robot_file):
     robot.until(lambda: len(stamps) > 10, 60)
     assert begin <= stamps[0] <= stamps[-1] <= time.time_ns()
     assert stamps == sorted(set(stamps))
+
+
+NUMBERS = 'step: {topic: /a}\nchannels: {a: /a.data}\nreward: a\n'
+
+
+def test_a_publisher_may_come_back_with_another_type(start, robot, tmp_path):
+    path = tmp_path / 'robot.yaml'
+    path.write_text(NUMBERS)
+    sampler = start('sampler_node', robot_file=path)
+    states = []
+    robot.node.create_subscription(JointState, 'state', states.append, 10)
+    for kind, number in ((Float32, 1.0), (Float64, 2.0), (Bool, 0.0)):
+        publisher = robot.node.create_publisher(kind, '/a', 10)
+        value = kind(data=bool(number) if kind is Bool else number)
+        timer = robot.node.create_timer(0.05, lambda p=publisher, v=value: p.publish(v))
+        robot.until(lambda n=number: states and states[-1].position[0] == n)
+        robot.node.destroy_timer(timer)
+        robot.node.destroy_publisher(publisher)
+    assert 'Traceback' not in sampler.output
+
+
+def test_the_last_steps_come_when_the_robot_falls_silent(start, robot, tmp_path):
+    path = tmp_path / 'robot.yaml'
+    path.write_text(NUMBERS)
+    start('sampler_node', robot_file=path)
+    rewards = []
+    robot.node.create_subscription(
+        JointState, 'reward', lambda m: rewards.append(m.position[list(m.name).index('reward')]), 10
+    )
+    publisher = robot.node.create_publisher(Float32, '/a', 10)
+    robot.until(
+        lambda: publisher.get_subscription_count() and robot.node.count_publishers('reward')
+    )
+    sent = itertools.count()
+    timer = robot.node.create_timer(
+        0.05, lambda: publisher.publish(Float32(data=float(next(sent))))
+    )
+    robot.until(lambda: len(rewards) > 5)
+    robot.node.destroy_timer(timer)
+    last = next(sent) - 1
+    robot.until(lambda: rewards[-1] == last)
+    assert rewards == list(range(int(rewards[0]), last + 1))

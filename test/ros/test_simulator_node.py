@@ -13,6 +13,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Int32
 from visualization_msgs.msg import MarkerArray
 
+from cmifs_ros.collect.gymnasium_episodes import collect_episodes
 from cmifs_ros.collect.reward_reader import RewardReader
 from cmifs_ros.collect.transitions import EpisodeAssembler
 from cmifs_ros.ros import conversions
@@ -171,4 +172,50 @@ def test_a_wrong_action_is_said_to_be_one(start, robot):
     robot.until(publisher.get_subscription_count)
     publisher.publish(Int32(data=-1))
     robot.until(lambda: 'action is -1; expected 0 (up), 1 (down), 2 (left), 3' in node.output)
+    assert 'Traceback' not in node.output
+
+
+@pytest.mark.parametrize(
+    ('env', 'names'),
+    [
+        ('Pendulum-v1', ('obs_0', 'obs_1', 'obs_2')),
+        ('CartPole-v1', ('obs_0', 'obs_1', 'obs_2', 'obs_3')),
+    ],
+)
+def test_an_environment_of_gymnasium_gives_its_episodes(start, robot, env, names):
+    gymnasium = pytest.importorskip('gymnasium', reason='gymnasium is not here')
+    start('simulator_node', env=env, rate=1000.0, seed=4, num_episodes=3)
+    listener = Listener(robot)
+    robot.until(lambda: len(listener.episodes) == 3)
+    expected = collect_episodes(gymnasium.make(env), 3, seed=4)
+    for episode, other in zip(listener.episodes, expected, strict=True):
+        np.testing.assert_array_equal(episode.states, other.states)
+        np.testing.assert_array_equal(episode.rewards, other.rewards)
+    assert set(listener.state_names) == {names}
+    (fields,) = listener.reward_names
+    assert ('action' in fields) == (env == 'CartPole-v1')
+
+
+def test_actions_of_a_discrete_environment_come_from_the_topic(start, robot):
+    pytest.importorskip('gymnasium', reason='gymnasium is not here')
+    node = start('simulator_node', env='CartPole-v1', rate=200.0, policy='topic')
+    Listener(robot)
+    taken = []
+    robot.node.create_subscription(
+        JointState, 'reward', lambda m: taken.append(m.position[list(m.name).index('action')]), QOS
+    )
+    publisher = robot.node.create_publisher(Int32, 'action', 10)
+    robot.until(publisher.get_subscription_count)
+    publisher.publish(Int32(data=1))
+    robot.until(lambda: len(taken) > 40 and set(taken[-40:]) == {1.0})
+    publisher.publish(Int32(data=2))
+    robot.until(lambda: 'action is 2; expected some of Discrete(2)' in node.output)
+
+
+@pytest.mark.parametrize('env', ['Nothing-v9', 'no/such:thing'])
+def test_an_unknown_environment_ends_it_with_a_sentence(start, env):
+    pytest.importorskip('gymnasium', reason='gymnasium is not here')
+    node = start('simulator_node', env=env)
+    assert node.process.wait(20) == 2
+    assert f"env is '{env}'; expected an environment such as Pendulum-v1" in node.output
     assert 'Traceback' not in node.output

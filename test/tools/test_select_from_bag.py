@@ -45,6 +45,35 @@ def test_a_bag_gives_the_episodes_that_were_written(tmp_path, storage, compressi
     assert bag.num_messages == 3 * 42
 
 
+def test_chunks_of_mcap_may_be_compressed_with_lz4(tmp_path):
+    """The file is written anew by mcap's own writer: rosbags writes no lz4."""
+    pytest.importorskip('mcap', reason='mcap is not here')
+    from mcap.reader import make_reader
+    from mcap.writer import CompressionType, Writer
+
+    expected = episodes_of(*write_bag(tmp_path / 'bag', 42))
+    path = tmp_path / 'again.mcap'
+    with file_of(tmp_path / 'bag').open('rb') as source, path.open('wb') as target:
+        writer = Writer(target, chunk_size=2000, compression=CompressionType.LZ4)
+        writer.start('ros2')
+        channels = {}
+        for schema, channel, message in make_reader(source).iter_messages():
+            if channel.id not in channels:
+                number = writer.register_schema(schema.name, schema.encoding, schema.data)
+                channels[channel.id] = writer.register_channel(
+                    channel.topic, channel.message_encoding, number, channel.metadata
+                )
+            writer.add_message(
+                channels[channel.id], message.log_time, message.data, message.publish_time
+            )
+        writer.finish()
+    assert b'lz4' in path.read_bytes()
+    bag = episodes_of_bag(path, parse_robot_file(ROBOT))
+    for episode, (states, rewards) in zip(bag.episodes, expected, strict=True):
+        np.testing.assert_array_equal(episode.states, states)
+        np.testing.assert_array_equal(episode.rewards, rewards)
+
+
 def test_several_bags_are_pooled_and_everything_is_written(tmp_path, robot, capsys):
     bags = [str(tmp_path / name) for name in ('one', 'two')]
     expected = [
@@ -72,6 +101,17 @@ def test_several_bags_are_pooled_and_everything_is_written(tmp_path, robot, caps
         np.testing.assert_array_equal(episode.rewards, rewards)
 
 
+def test_the_episodes_file_can_be_taken_up_where_nothing_was_selected(tmp_path):
+    write_bag(tmp_path / 'bag', 60)
+    file, saved = tmp_path / 'robot.yaml', tmp_path / 'episodes'
+    file.write_text(ROBOT.replace('  x: /pose.pose.position.x\n', ''))
+    options = ['--robot', str(file), '--out', str(tmp_path), '--episodes-file', str(saved)]
+    assert main([str(tmp_path / 'bag'), *options]) == 0
+    assert json.loads((tmp_path / 'selection.json').read_text())['names'] == []
+    found = episode_file.read(saved, max_episodes=100, max_bytes=10**9)
+    assert (len(found.episodes), found.selection) == (10, None)
+
+
 def test_jobs_change_nothing(tmp_path, robot):
     bags = [str(tmp_path / name) for name in ('one', 'two')]
     for seed, path in enumerate(bags):
@@ -95,6 +135,8 @@ def spoilt(path, how):
     if how == 'truncated':
         file = file_of(path)
         file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
+    if how == 'without metadata':
+        (path / 'metadata.yaml').unlink()
     return path
 
 
@@ -103,7 +145,8 @@ def spoilt(path, how):
     [
         ('missing', 'does not exist'),
         ('foreign', 'cannot be read as a bag'),
-        ('truncated', 'cannot be read as a bag|breaks off'),
+        ('truncated', 'cut off is mended by `mcap recover` (MCAP)'),
+        ('without metadata', 'or `ros2 bag reindex`'),
         ('short', '1 whole episodes; expected at least 2'),
     ],
 )
@@ -111,7 +154,7 @@ def test_a_bag_that_cannot_be_used_is_one_sentence(tmp_path, robot, how, said, c
     path = spoilt(tmp_path / 'bag', how)
     assert main([str(path), '--robot', robot, '--out', str(tmp_path)]) == 1
     error = capsys.readouterr().err
-    assert any(part in error for part in said.split('|'))
+    assert said in error
     assert error.count('\n') == 1
     assert not (tmp_path / 'selection.json').exists()
 

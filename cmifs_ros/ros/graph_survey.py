@@ -1,0 +1,105 @@
+"""What the running graph publishes: the types of its topics, their first messages, their rates."""
+
+from __future__ import annotations
+
+import time
+
+import rclpy
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+from rosidl_parser.definition import AbstractNestedType, BasicType, NamespacedType
+
+from cmifs_ros.collect.robot_template import BYTES, Heard, TypeField, is_of_robot
+
+from . import conversions
+from .following_subscription import FollowingSubscription
+from .run_node import make_executor
+
+
+def fields_of(kind: str) -> list[TypeField]:
+    """Return the fields of an installed message type, in order."""
+    cls = conversions.message_type(kind)
+    return [
+        TypeField(name, _what(slot))
+        for name, slot in zip(cls.get_fields_and_field_types(), cls.SLOT_TYPES, strict=True)
+    ]
+
+
+def _what(slot) -> str:
+    """Return what a field is, see `TypeField`."""
+    if isinstance(slot, NamespacedType):
+        return '/'.join(slot.namespaced_name())
+    if isinstance(slot, BasicType):
+        return 'number'
+    if isinstance(slot, AbstractNestedType) and isinstance(slot.value_type, BasicType):
+        return '' if slot.value_type.typename in BYTES else 'numbers'
+    return ''
+
+
+def survey(seconds: float) -> tuple[list[Heard], list[str]]:
+    """Listen to all topics for a while; return what was heard, and what could not be.
+
+    Parameters
+    ----------
+    seconds : float
+
+    Returns
+    -------
+    heard : list of Heard
+    unknown : list of str
+        In words, the topics whose types are not installed.
+
+    """
+    context = rclpy.Context()
+    rclpy.init(context=context, signal_handler_options=SignalHandlerOptions.NO)
+    node = rclpy.create_node('make_robot_file', context=context)
+    executor = make_executor(context)
+    executor.add_node(node)
+    try:
+        listener = _Listener(node)
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            listener.look()
+            executor.spin_once(0.1)
+        return listener.heard(), sorted(listener.unknown.values())
+    finally:
+        node.destroy_node()
+        rclpy.shutdown(context=context)
+
+
+class _Listener:
+    def __init__(self, node: Node):
+        self._node = node
+        self._kinds: dict[str, str] = {}
+        self._first: dict[str, object] = {}
+        self._counts: dict[str, int] = {}
+        self.unknown: dict[str, str] = {}
+
+    def look(self) -> None:
+        """Subscribe to the topics that have come since the last look."""
+        for topic, kinds in self._node.get_topic_names_and_types():
+            if topic in self._kinds or topic in self.unknown:
+                continue
+            if not self._node.count_publishers(topic):
+                continue
+            try:
+                message_type = conversions.message_type(kinds[0])
+            except (ValueError, ImportError, AttributeError):
+                self.unknown[topic] = f'{topic}: its type {kinds[0]} is not installed here'
+                continue
+            self._kinds[topic] = kinds[0]
+            self._counts[topic] = 0
+            if is_of_robot(topic):
+                FollowingSubscription(
+                    self._node, message_type, topic, lambda m, topic=topic: self._hear(topic, m)
+                )
+
+    def _hear(self, topic: str, message) -> None:
+        self._first.setdefault(topic, message)
+        self._counts[topic] += 1
+
+    def heard(self) -> list[Heard]:
+        return [
+            Heard(topic, kind, self._first.get(topic), self._counts[topic])
+            for topic, kind in self._kinds.items()
+        ]

@@ -1,0 +1,211 @@
+"""A robot of ordinary topics and its robot file: the live selection, and that from its bag.
+
+The robot, the sampler and the selector are processes of their own; the run is recorded at the same
+time. select_from_bag then has to find the same episodes, byte for byte, and the same selection.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from contextlib import ExitStack
+from itertools import zip_longest
+from pathlib import Path
+
+import numpy as np
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from std_srvs.srv import Trigger
+from tqdm import tqdm
+
+from cmifs_ros.collect import episode_file
+from cmifs_ros.core import Episode
+from cmifs_ros.ros.run_node import make_executor
+from cmifs_ros.tools import select_from_bag
+from cmifs_ros.tools.arguments import number_from
+from cmifs_ros.tools.demo import DemoError, executable
+from cmifs_ros.tools.program import StudyError, exit_code
+from studies.soak.processes import Process, SoakError
+
+from .drive import TOPICS
+from .recorder import Recorder
+
+ROBOT_FILE = Path(__file__).with_name('robot.yaml')
+#: Seconds that the last episode may take to come, and a selection.
+_PATIENCE, _SELECTION = 30.0, 600.0
+
+
+class Operator:
+    """The study's own node: it records, reads diagnostics and calls for a selection."""
+
+    def __init__(self, bag: Path):
+        self._context = rclpy.Context()
+        rclpy.init(context=self._context)
+        self._node = rclpy.create_node('operator', context=self._context)
+        self._executor = make_executor(self._context)
+        self._executor.add_node(self._node)
+        self.recorder = Recorder(self._node, bag, TOPICS)
+        self.diagnostics: dict[str, dict[str, str]] = {}
+        self._node.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
+        self._select = self._node.create_client(Trigger, 'select_features')
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            self.diagnostics[status.name] = {pair.key: pair.value for pair in status.values}
+
+    @property
+    def num_episodes(self) -> int:
+        """Episodes that the selector has."""
+        return int(self.diagnostics.get('selector: input', {}).get('episodes', 0))
+
+    @property
+    def is_ready(self) -> bool:
+        """Whether sampler and selector are there, and the one hears the other."""
+        return (
+            self._node.count_publishers('state') > 0
+            and self._node.count_subscribers('state') > 0
+            and self._node.count_subscribers('reward') > 0
+            and {'sampler: steps', 'selector: input'} <= self.diagnostics.keys()
+        )
+
+    def until(self, condition: Callable[[], bool], what: str, seconds: float) -> None:
+        """Spin until a condition holds; raise if it does not in time."""
+        deadline = time.monotonic() + seconds
+        while not condition():
+            if time.monotonic() > deadline:
+                raise StudyError(f'waited {seconds:.0f} s in vain until {what}')
+            self._executor.spin_once(0.05)
+
+    def select(self) -> dict:
+        """Return the selector's reply."""
+        future = self._select.call_async(Trigger.Request())
+        self.until(future.done, 'the selector answered', _SELECTION)
+        reply = json.loads(future.result().message)
+        error = reply.pop('error', '')
+        if 'ranking' not in reply:  # Where nothing is selected, it is an error with a ranking.
+            raise StudyError(f'the selector refuses: {error}')
+        return reply
+
+    def close(self) -> None:
+        """Leave the graph and end the bag."""
+        self._node.destroy_node()
+        rclpy.shutdown(context=self._context)
+        self.recorder.close()
+
+
+def drive(folder: Path, options: argparse.Namespace) -> dict:
+    """Let the robot drive; leave `live` (episodes) and `bag`, and return the live selection."""
+    (logs := folder / 'logs').mkdir()
+    robot_command = ('-m', 'studies.robot.robot_node', str(options.goals), str(options.seed))
+    operator = Operator(folder / 'bag')
+    with ExitStack() as stack:
+        stack.callback(operator.close)
+        stack.enter_context(
+            Process(logs, executable('selector_node'), use_sim_time=True, selection_period=0.0,
+                    min_episodes=2, max_episodes=options.goals,
+                    episodes_path=str(folder / 'live'))
+        )  # fmt: skip
+        stack.enter_context(
+            Process(logs, executable('sampler_node'), use_sim_time=True, robot_file=str(ROBOT_FILE))
+        )
+        operator.until(lambda: operator.is_ready, 'sampler and selector are there', _PATIENCE)
+        robot = stack.enter_context(
+            Process(logs, sys.executable, *robot_command, str(options.speed))
+        )
+        with tqdm(total=options.goals, unit=' goals', disable=None, leave=False) as bar:
+
+            def is_over() -> bool:
+                bar.update(operator.num_episodes - bar.n)
+                return robot.has_ended() or operator.num_episodes == options.goals
+
+            operator.until(is_over, 'the robot ended', 60 + 15 * options.goals / options.speed)
+        operator.until(
+            lambda: operator.num_episodes == options.goals,
+            f'all {options.goals} episodes came; {operator.diagnostics}', _PATIENCE,
+        )  # fmt: skip
+        operator.until(robot.has_ended, 'the robot ended', _PATIENCE)
+        for name, values in sorted(operator.diagnostics.items()):
+            if name.startswith('sampler: /'):
+                print(f'  {name}: {values["messages"]} messages, {values["late"]} late, '
+                      f'{values["wrong"]} wrong')  # fmt: skip
+        print(f'{operator.num_episodes} episodes live, {operator.recorder.num_messages} recorded')
+        print('selecting from them, live ...', flush=True)
+        return operator.select()
+
+
+def run(options: argparse.Namespace) -> None:
+    """Drive, select live and from the bag, and compare."""
+    with tempfile.TemporaryDirectory(prefix='cmifs_robot_') as name:
+        folder = Path(name)
+        try:
+            live = drive(folder, options)
+        except (DemoError, SoakError) as error:
+            raise StudyError(str(error)) from error
+        arguments = [str(folder / 'bag'), '--robot', str(ROBOT_FILE), '--out', name]
+        if select_from_bag.main([*arguments, '--episodes-file', str(folder / 'from_bag')]):
+            raise StudyError('select_from_bag failed')
+        one, other = (
+            episode_file.read(folder / which, max_episodes=options.goals, max_bytes=10**9)
+            for which in ('live', 'from_bag')
+        )
+        from_bag = json.loads((folder / 'selection.json').read_text())
+    pairs = list(zip_longest(one.episodes, other.episodes))
+    differing = {i: what for i, pair in enumerate(pairs) if (what := _difference(*pair))}
+    if differing:
+        raise StudyError(
+            f'live and from the bag, episodes differ, by number: {differing}; a message without a '
+            'stamp may have come a step later, where the machine is slow: --speed can be less'
+        )
+    print(f'the same {len(one.episodes)} episodes live and from the bag, byte for byte')
+    numbers = ('scores', 'pvalues', 'null_scores')
+    different = [k for k in live if k not in ('seconds', *numbers) and live[k] != from_bag.get(k)]
+    # The node's linear algebra has one thread, which changes the last digits.
+    gap = max(
+        np.abs(np.subtract(live[k], from_bag[k])).max(initial=0) for k in numbers if k in live
+    )
+    if different or live.keys() != from_bag.keys() or gap > 1e-6:
+        raise StudyError(
+            f'the live selection and that of the bag differ in {different}, scores by {gap:.1g}: '
+            f'{live} {from_bag}'
+        )
+    print(
+        f'the same selection live and from the bag: {", ".join(live["names"]) or "nothing"} '
+        f'(scores to {gap:.0e})'
+    )
+
+
+def _difference(one: Episode | None, other: Episode | None) -> str:
+    """Return in words what differs, nothing if they are the same byte for byte."""
+    if one is None or other is None:
+        return 'only one has it'
+    if len(one) != len(other):
+        return f'{len(one)} and {len(other)} steps'
+    if one.states.tobytes() != other.states.tobytes():
+        return f'channels {np.flatnonzero(np.any(one.states != other.states, axis=0)).tolist()}'
+    return '' if one.rewards.tobytes() == other.rewards.tobytes() else 'rewards'
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the study; return the exit code."""
+    parser = argparse.ArgumentParser(prog='robot', description=' '.join(__doc__.split()))
+    parser.add_argument('--goals', type=number_from(2), default=80, help='default 80')
+    parser.add_argument('--seed', type=number_from(0), default=0)
+    parser.add_argument(
+        '--speed', type=float, default=2.0,
+        help='how many times faster than its own time the robot lives (default 2)',
+    )  # fmt: skip
+    options = parser.parse_args(arguments)
+    if not 0.1 <= options.speed <= 20:
+        parser.error(f'--speed is {options.speed:g}; expected 0.1 to 20')
+    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    os.environ.setdefault('ROS_DOMAIN_ID', str(1 + os.getpid() % 100))
+    return exit_code('robot', lambda: run(options), 'its nodes are ended')
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,97 @@
+"""The publisher of the load, `load_nodes publish SECONDS`, and nodes that only subscribe."""
+
+from __future__ import annotations
+
+import json
+import signal
+import sys
+import time
+
+import rclpy
+from nav_msgs.msg import Odometry
+from rclpy.qos import QoSProfile, qos_profile_sensor_data
+from rclpy.signals import SignalHandlerOptions
+from sensor_msgs.msg import Imu, JointState, LaserScan
+
+from cmifs_ros.ros.run_node import make_executor
+
+_JOINTS = [f'joint_{i}' for i in range(12)]
+#: A message, its period in seconds, and its quality of service, by topic.
+TOPICS = {
+    '/odom': (Odometry(), 1 / 50, QoSProfile(depth=10)),
+    '/scan': (LaserScan(range_max=8.0, ranges=[1.0] * 720), 1 / 20, qos_profile_sensor_data),
+    '/imu': (Imu(), 1 / 400, qos_profile_sensor_data),
+    '/joint_states': (
+        JointState(name=_JOINTS, position=[0.5] * 12, velocity=[0.0] * 12, effort=[0.0] * 12),
+        1 / 500, QoSProfile(depth=10),
+    ),
+}  # fmt: skip
+PERIODS = {topic: period for topic, (_, period, _) in TOPICS.items()}
+#: Depth of the subscriptions, as the sampler's.
+_DEPTH = 1000
+
+
+def publish(node, seconds: float, stopping: list) -> dict[str, int]:
+    """Publish each topic at its rate; return how many were sent."""
+    publishers = {t: node.create_publisher(type(m), t, qos) for t, (m, _, qos) in TOPICS.items()}
+    while not stopping and not all(p.get_subscription_count() for p in publishers.values()):
+        time.sleep(0.1)
+    time.sleep(2.0)  # The subscriber is known here; that we are known there takes a while more.
+    print('begin', flush=True)
+    sent = dict.fromkeys(TOPICS, 0)
+    begin = time.monotonic()
+    while not stopping:
+        topic = min(sent, key=lambda t: sent[t] * PERIODS[t])
+        due = sent[topic] * PERIODS[topic]
+        if due >= seconds:
+            break
+        wait = begin + due - time.monotonic()
+        if wait > 0:
+            time.sleep(wait)
+        message = TOPICS[topic][0]
+        message.header.stamp = node.get_clock().now().to_msg()
+        publishers[topic].publish(message)
+        sent[topic] += 1
+    for publisher in publishers.values():
+        publisher.wait_for_all_acked()
+    return sent
+
+
+def listen(node, raw: bool, stopping: list) -> dict[str, int]:
+    """Count messages until told to stop; return how many came."""
+    counts = dict.fromkeys(TOPICS, 0)
+
+    def count(topic: str) -> None:
+        counts[topic] += 1
+
+    for topic, (message, _, qos) in TOPICS.items():
+        profile = QoSProfile(depth=_DEPTH, reliability=qos.reliability)
+        node.create_subscription(
+            type(message), topic, lambda _, topic=topic: count(topic), profile, raw=raw
+        )
+    executor = make_executor()
+    executor.add_node(node)
+    while not stopping:
+        executor.spin_once(0.1)
+    return counts
+
+
+def main() -> None:
+    """Run one of them; the last line is a count of messages by topic, as JSON."""
+    stopping: list[int] = []
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda number, _: stopping.append(number))
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    role = sys.argv[1]
+    node = rclpy.create_node('load_publisher' if role == 'publish' else 'load_listener')
+    if role == 'publish':
+        counts = publish(node, float(sys.argv[2]), stopping)
+    else:
+        counts = listen(node, role == 'listen_raw', stopping)
+    print(json.dumps(counts), flush=True)
+    node.destroy_node()
+    rclpy.try_shutdown()
+
+
+if __name__ == '__main__':
+    main()

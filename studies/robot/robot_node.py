@@ -1,0 +1,55 @@
+"""The robot's process: publish its sensors until so many goals have ended, then rest and end.
+
+As a simulator does, it lives through a step at once and then waits for the next one: just after
+it has sent what has no stamp, so that all others have a whole step's time to receive that.
+"""
+
+from __future__ import annotations
+
+import signal
+import sys
+import time
+
+import rclpy
+from rclpy.signals import SignalHandlerOptions
+
+from .drive import BETWEEN, STEP, TICK, TOPICS, Sensors
+
+#: The robot's time begins here, in ticks: a stamp of 0 is none.
+_FIRST_TICK = 100_000
+#: Subscriptions of each topic that are waited for: the sampler's and the recorder's.
+_LISTENERS = 2
+#: Ticks without a goal after the last, for the messages still on their way.
+_LAST_TICKS = 100
+
+
+def main() -> None:
+    """Run: `robot_node GOALS SEED SPEED`."""
+    num_goals, seed, speed = int(sys.argv[1]), int(sys.argv[2]), float(sys.argv[3])
+    stopping = []
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: stopping.append(True))
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    node = rclpy.create_node('robot')
+    publishers = {t: node.create_publisher(kind, t, qos) for t, (kind, qos) in TOPICS.items()}
+    while not stopping and any(
+        publisher.get_subscription_count() < _LISTENERS for publisher in publishers.values()
+    ):
+        time.sleep(0.1)
+    sensors, tick, last = Sensors(seed), _FIRST_TICK, None
+    begin = time.monotonic()
+    while not stopping and tick != last:
+        for topic, message in sensors.messages(tick).items():
+            publishers[topic].publish(message)
+        if tick % STEP == BETWEEN:
+            due = begin + (tick - _FIRST_TICK) * TICK / 1e9 / speed
+            time.sleep(max(0.0, due - time.monotonic()))
+        tick += 1
+        if last is None and sensors.drive.num_ended == num_goals:
+            last = tick + _LAST_TICKS
+    node.destroy_node()
+    rclpy.try_shutdown()
+
+
+if __name__ == '__main__':
+    main()

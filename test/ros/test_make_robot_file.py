@@ -1,0 +1,78 @@
+"""make_robot_file: from the running robot it writes what it writes from that robot's bag."""
+
+import os
+import subprocess
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip('rosbags', reason='rosbags is not here')
+
+from action_msgs.msg import GoalStatusArray
+from ament_index_python.packages import get_package_prefix
+from diagnostic_msgs.msg import DiagnosticArray
+from nav_msgs.msg import Odometry
+from rclpy.qos import QoSProfile, ReliabilityPolicy, qos_profile_action_status_default
+from sensor_msgs.msg import Image, JointState, LaserScan
+from std_msgs.msg import Bool, Float32, String
+
+from cmifs_ros.collect.robot_file import parse_robot_file
+from cmifs_ros.collect.robot_template import robot_file_of_bag
+from studies.robot.recorder import Recorder
+
+BEST_EFFORT = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
+MESSAGES = {
+    '/odom': (Odometry(), 10),
+    '/scan': (LaserScan(ranges=[1.0] * 360), BEST_EFFORT),
+    '/camera': (Image(data=[1] * 16), BEST_EFFORT),
+    '/joint_states': (JointState(name=['hip', 'knee'], position=[1.0, 2.0]), 10),
+    '/said': (String(data='hello'), 10),
+    '/bumper': (Bool(), 10),
+    '/my/radio': (Float32(), 10),
+    '/go/_action/status': (GoalStatusArray(), qos_profile_action_status_default),
+    '/diagnostics': (DiagnosticArray(), 10),
+}
+
+
+def command(domain, *options):
+    path = Path(get_package_prefix('cmifs_ros'), 'lib', 'cmifs_ros', 'make_robot_file')
+    return subprocess.Popen(
+        [path, *options], env=os.environ | {'ROS_DOMAIN_ID': str(domain)}, text=True,
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+    )  # fmt: skip
+
+
+def test_the_running_robot_gives_what_its_bag_gives(robot, domain, tmp_path):
+    topics = {topic: (type(message), qos) for topic, (message, qos) in MESSAGES.items()}
+    recorder = Recorder(robot.node, tmp_path / 'bag', topics)
+    for topic, (message, qos) in MESSAGES.items():
+        publisher = robot.node.create_publisher(type(message), topic, qos)
+        robot.node.create_timer(0.1, lambda p=publisher, m=message: p.publish(m))
+    robot.until(lambda: recorder.num_messages > 20 * len(MESSAGES))
+    process = command(domain, '--seconds', '4')
+    robot.until(lambda: process.poll() is not None)
+    recorder.close()
+    live, said = process.communicate()
+    assert process.returncode == 0, said
+    # The test's node has publishers of its own, that never speak.
+    live = [line for line in live.splitlines() if not line.endswith('has no messages')]
+    bag = robot_file_of_bag(tmp_path / 'bag').splitlines()
+    assert live[0].startswith('# Written by make_robot_file from the running robot.')
+    assert live[1:] == bag[1:]
+    text = '\n'.join(live)
+    made = parse_robot_file(f'{text}\nreward: "1"\n')
+    assert {source.path.topic for source in made.sources} == {
+        '/odom', '/scan', '/joint_states', '/bumper', '/my/radio', '/camera'
+    }  # fmt: skip
+    assert [s.path.fields for s in made.sources if s.path.topic == '/camera'] == [
+        ('height',), ('width',), ('is_bigendian',), ('step',)
+    ]  # fmt: skip
+    assert '{action: /go}' in text
+
+
+def test_without_a_robot_it_says_so(domain):
+    process = command(domain, '--seconds', '1')
+    _, said = process.communicate(timeout=30)
+    assert process.returncode == 1
+    assert 'no message was heard in 1 s; is the robot running' in said
+    assert 'Traceback' not in said
