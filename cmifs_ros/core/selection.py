@@ -41,7 +41,7 @@ class Selection:
     spoke_by : tuple of tuple of str
         The channels that spoke for the sensor: all of it, or the best of a group.
     stability : tuple of float
-        Share of resampled sets of episodes in which the sensor is selected; empty if not asked.
+        Share of random halves of the episodes in which the sensor is selected; empty if not asked.
     episodes, steps : int
         Size of the data it rests on.
     seconds : float
@@ -80,13 +80,28 @@ def select(
     settings: dict,
     *,
     start: Collection[str] = (),
+    num_halves: int = 0,
     progress: Callable[[float], None] = lambda fraction: None,
 ) -> Selection:
     """Fit the selector of a method, with the given settings, and return what it found.
 
-    `start` names the sensors of an earlier selection; `progress` is told the share that is done.
+    Parameters
+    ----------
+    episodes : sequence of Episode
+    channel_names : sequence of str
+    method : str
+        One of `METHODS`.
+    settings : dict
+        Parameters of the selector.
+    start : collection of str
+        Sensors of an earlier selection.
+    num_halves : int
+        How many random halves of the episodes to select from for `Selection.stability`.
+    progress : callable
+        Told the share that is done.
+
     """
-    start = time.perf_counter()
+    begin = time.perf_counter()
     selector = METHODS[method](**settings).fit(
         episodes, names=channel_names, start=start, progress=progress
     )
@@ -109,8 +124,26 @@ def select(
         scores=tuple(selector.scores_.tolist()),
         episodes=len(episodes),
         steps=sum(map(len, episodes)),
-        seconds=time.perf_counter() - start,
+        seconds=time.perf_counter() - begin,
         means=tuple(means.tolist()),
         spreads=tuple(spreads.tolist()),
+        stability=_stability(selector, episodes, channel_names, num_halves),
         **evidence,
     )
+
+
+def _stability(selector, episodes, channel_names, num_halves: int) -> tuple[float, ...]:
+    """Return the share of random halves of the episodes in which each ranked sensor is selected.
+
+    Meinshausen & Buehlmann, Stability selection, 2010.
+    """
+    if not num_halves:
+        return ()
+    rng = np.random.default_rng([selector.random_state, 4])
+    counts = np.zeros(len(selector.sensor_names_))
+    for _ in range(num_halves):
+        half = np.sort(rng.permutation(len(episodes))[: -(-len(episodes) // 2)])
+        again = type(selector)(**selector.get_params())
+        again.fit([episodes[i] for i in half], names=channel_names)
+        counts[again.ranking_[: again.num_features_]] += 1
+    return tuple((counts[selector.ranking_] / num_halves).tolist())

@@ -62,11 +62,15 @@ def _listed(names: Sequence[str]) -> str:
 
 
 def ranking_text(selection: Selection) -> str:
-    """Return the ranking as a table, with the evidence where there is any."""
+    """Return the ranking as a table, with the evidence where there is any.
+
+    `halves` is the share of random halves of the episodes in which the sensor is selected.
+    """
     rows = [['rank', 'sensor', 'score']]
     rows[0] += ['tells nothing'] if selection.null_scores else []
     rows[0] += ['p'] if selection.pvalues else []
     rows[0] += ['status'] if selection.statuses else []
+    rows[0] += ['halves'] if selection.stability else []
     spoke_by = [
         '' if spoke == (name,) else _listed(spoke)
         for name, spoke in zip(selection.ranking, selection.spoke_by, strict=False)
@@ -79,6 +83,7 @@ def ranking_text(selection: Selection) -> str:
             row.append(f'{low:.3f} to {high:.3f}')
         row += [f'{selection.pvalues[i]:.2g}'] if selection.pvalues else []
         row += [selection.statuses[i]] if selection.statuses else []
+        row += [f'{selection.stability[i]:.0%}'] if selection.stability else []
         row += [spoke_by[i]] if any(spoke_by) else []
         rows.append(row)
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import sys
 import time
 from collections import Counter
@@ -40,6 +41,10 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument(
         '--jobs', type=number_from(1), default=1, metavar='N', help='bags read at the same time'
     )
+    parser.add_argument(
+        '--stability', type=number_from(1), default=0, metavar='N',
+        help='select from N random halves of the episodes too, and say how often each sensor is',
+    )  # fmt: skip
     options = parser.parse_args(arguments)
     return exit_code('select_from_bag', lambda: _run(options), 'nothing is written')
 
@@ -95,12 +100,14 @@ def _select(bags: list[BagEpisodes], robot: RobotFile | None, options) -> None:
             'file makes windows of 25 steps'
         )
     names = next(bag.channel_names for bag in bags if bag.episodes)
-    settings = {'num_features': options.num_features}
+    settings = {'num_features': options.num_features, 'n_jobs': os.cpu_count()}
     if robot and robot.groups:
         settings['groups'] = robot.groups
     print(f'selecting among {len(names)} channels from {len(episodes)} episodes ...', flush=True)
     try:
-        selection = select(episodes, names, 'conditional_mi', settings)
+        selection = select(
+            episodes, names, 'conditional_mi', settings, num_halves=options.stability
+        )
     except ValueError as error:  # of the settings or the episodes
         raise StudyError(str(error)) from error
     print(f'\n{ranking_text(selection)}\n')
