@@ -15,6 +15,8 @@ SOAK ?=
 ROBOT ?=
 LOAD ?=
 unexport PYTHONDONTWRITEBYTECODE
+# The matrices are small: threads of the linear algebra only get into each other's way.
+export OPENBLAS_NUM_THREADS ?= 1
 # Nothing leaves this machine.
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 
