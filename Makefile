@@ -39,7 +39,7 @@ ENTER := . $(VENV)/bin/activate && { [ ! -f install/setup.bash ] || . install/se
 # In the environment's own Python: a colcon outside of it would build for another one.
 COLCON := python -c 'import sys; from colcon_core.command import main; sys.exit(main())'
 
-.PHONY: help demo test soak robot load paper benchmark growth accuracy evidence oracle learning loop lint \
+.PHONY: help demo test test-installed test-oldest soak robot load paper benchmark growth accuracy evidence oracle learning loop lint \
 	build clean
 
 help:
@@ -63,9 +63,14 @@ demo: build
 	@$(ENTER) && exec install/cmifs_ros/lib/cmifs_ros/demo --scenario $(SCENARIO)
 
 test: lint build .venv-oldest/ready
+	@$(MAKE) --no-print-directory -j2 test-installed test-oldest
+
+test-installed:
 	$(ENTER) && $(COLCON) test --event-handlers console_direct+ --return-code-on-test-failure
 	$(ENTER) && $(COLCON) test-result --verbose
-	@echo 'core and sim with the oldest NumPy and SciPy, without ROS:'
+
+# Core, sim and collect with the oldest NumPy and SciPy, without ROS.
+test-oldest:
 	PYTHONPATH= .venv-oldest/bin/python -m pytest -q test/core test/sim test/collect
 
 soak: build

@@ -98,12 +98,19 @@ class StepwiseSelection:
         return taken[len(chosen) :]
 
     def listed(self, chosen: Sequence[Finding]) -> list[Finding]:
-        """Return all other sensors by their scores with the chosen ones, each tested.
+        """Return all other sensors, each scored and tested with the chosen ones.
 
-        Those that a test rejects come last: a copy costs less than a sensor that tells a little.
+        First come those that forward selection would add while the score rises, then the others
+        by their scores beside all of these.
         """
-        found = [self._tested(proposal, chosen) for proposal in self._proposals(chosen)]
-        return sorted(found, key=lambda finding: finding.pvalue >= 1)
+        proposals = self._proposals(chosen)
+        added, score = list(chosen), chosen[-1].score if chosen else 0.0
+        while (rest := self._proposals(added)) and rest[0].score > score:
+            score = rest[0].score
+            added.append(rest[0])
+        place = {finding.sensor: i for i, finding in enumerate([*added, *rest])}
+        found = [self._tested(proposal, chosen) for proposal in proposals]
+        return sorted(found, key=lambda finding: place[finding.sensor])
 
     def _units(self, sensor: int) -> list[Sensor]:
         channels = self._sensors[sensor]

@@ -257,34 +257,35 @@ def run(options: argparse.Namespace) -> None:
             *('-p', f'num_episodes:={options.episodes}'),
         )
         client.wait_for_episodes(options.episodes)
-        known = processes.lines('downstream')
+        before = _states(processes, count)[-1]
+        num_before = len(processes.lines('downstream'))
         print('calling /select_features; the state keeps flowing meanwhile ...', flush=True)
         result = client.select_features()
-        meanwhile = len(processes.lines('downstream')) - len(known)
+        meanwhile = len(processes.lines('downstream')) - num_before
         selection = selection_of(result | {'means': [], 'spreads': []})
         print(
             f'answered after {selection.seconds:.1f} s of computing on {selection.episodes} '
             f'episodes, {selection.steps} steps'
         )
         print_selection(selection, options.scenario)
-        lines = _selected_lines(processes, len(selection.names) or count)
+        lines = _states(processes, len(selection.names) or count)
     print(f'\nwhat the downstream node received, {meanwhile} states of it during the selection:')
-    print(f'  before  {shorten(known[-1], _LINE_WIDTH, placeholder=" ...")}')
+    print(f'  before  {shorten(before, _LINE_WIDTH, placeholder=" ...")}')
     for line in lines[-NUM_SHOWN:]:
         print(f'  after   {shorten(line, _LINE_WIDTH, placeholder=" ...")}')
     save_picture(selection, options.scenario, options.out)
     print(f'\npicture: {options.out.resolve()}\n\n{NEXT}')
 
 
-def _selected_lines(processes: Processes, count: int) -> list[str]:
-    """Wait for enough states of `count` sensors at the downstream node; return them."""
+def _states(processes: Processes, count: int) -> list[str]:
+    """Wait for enough states of `count` sensors at the downstream node; return its lines."""
     deadline = time.monotonic() + 10
     while True:
         lines = [line for line in processes.lines('downstream') if len(line.split()) == count]
         if len(lines) >= NUM_SHOWN:
             return lines
         if time.monotonic() > deadline:
-            raise DemoError('the downstream node received no state of the selected sensors')
+            raise DemoError(f'the downstream node received no states of {count} sensors')
         processes.check()
         time.sleep(1 / SHOW_RATE)
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -132,4 +133,5 @@ def peak_bytes(pid: int) -> int:
 
 
 if __name__ == '__main__':
+    signal.signal(signal.SIGPIPE, signal.SIG_DFL)  # Nobody waits any more: end in silence.
     print(json.dumps(measure_here(Job(*json.loads(sys.argv[1])))))

@@ -9,7 +9,7 @@ from studies.loop import closed_loop
 
 def test_the_loop_runs_with_and_without_the_selector(tmp_path, capsys):
     path = tmp_path / 'new' / 'returns.png'
-    options = ['--trials', '1', '--episodes', '250', '--rate', '150', '--out', str(path)]
+    options = ['--trials', '1', '--episodes', '200', '--rate', '300', '--out', str(path)]
     assert closed_loop.main(options) == 0
     output = capsys.readouterr().out
     assert len(re.findall(r'the last 50 episodes return \d', output)) == 2
