@@ -8,7 +8,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cmifs_ros.core import ConditionalMISelector, Episode, KDRSelector
+from cmifs_ros.core import ConditionalMI, ConditionalMISelector, Episode, KDRSelector, Lsmi
+from cmifs_ros.core.conditional_mi_selector import WIDTHS
+from cmifs_ros.core.samples import step_samples
+from cmifs_ros.core.search import forward_selection
 from cmifs_ros.core.shadows import exchange
 from studies.paper.alternatives import READINGS, rank_read
 from studies.paper.direct_port import rank_directly
@@ -21,6 +24,8 @@ METHODS = {
     'kdr': 'KDR',
     'paper': "ours, set as in the paper ('paper')",
     'default': 'ours, default',
+    'score': 'ours, by the score alone',
+    'score_as_port': 'ours, by the score alone, set as the port',
     'centers_25': 'ours, 25 centres',
     'centers_50': 'ours, 50 centres',
     'centers_all': 'ours, all centres',
@@ -40,6 +45,10 @@ METHODS = {
 }
 #: The default with other bounds of the number of kernel centres.
 NUM_CENTERS = {'centers_25': 25, 'centers_50': 50, 'centers_all': None}
+#: The estimators of rankings by the score alone: the default's, and that of the direct port.
+ESTIMATORS_OF_SCORE = {'score': Lsmi(widths=WIDTHS, num_centers=50), 'score_as_port': Lsmi()}
+#: Those that know no sensors of several channels.
+RANKED_BY_CHANNEL = (*ESTIMATORS_OF_SCORE, *READINGS, 'direct_port')
 #: The package that a method needs, as Python and as pip call it.
 _PACKAGES = {
     'ennemi': ('ennemi', 'ennemi'),
@@ -120,11 +129,14 @@ def rank(
         selector.fit(episodes)
         selected = selector.ranking_[: selector.num_features_]
         return Ranking(tuple(selected.tolist()), tuple(selector.scores_[: len(selected)].tolist()))
-    if method in READINGS:
-        found = rank_read(method, episodes, target, seed, num_channels)
-        return _of_sensors(*found, parts, count)
-    if method == 'direct_port':
-        found = rank_directly(episodes, num_channels, random_state=seed)
+    if method in RANKED_BY_CHANNEL:
+        if method in READINGS:
+            found = rank_read(method, episodes, target, seed, num_channels)
+        elif method == 'direct_port':
+            found = rank_directly(episodes, num_channels, random_state=seed)
+        else:
+            estimator = ESTIMATORS_OF_SCORE[method]
+            found = _by_forward_selection(estimator, episodes, num_channels, seed, n_jobs)
         return _of_sensors(*found, parts, count)
     if method == 'kdr':
         selector = KDRSelector(count, groups=groups, target=target, random_state=seed)
@@ -138,6 +150,21 @@ def rank(
         selector = ConditionalMISelector(None if count == len(parts) else count, **options)
     selector.fit(episodes)
     return Ranking(tuple(selector.ranking_.tolist()), tuple(selector.scores_.tolist()))
+
+
+def _by_forward_selection(estimator: Lsmi, episodes, num_channels: int, seed: int, n_jobs: int):
+    steps = step_samples(
+        episodes,
+        gamma=0.95,
+        standardize=True,
+        max_time_bins=32,
+        num_folds=estimator.num_folds,
+        num_centers=estimator.num_centers,
+        random_state=seed,
+    )
+    criterion = ConditionalMI(steps, estimator, tuning_window=2, n_jobs=n_jobs)
+    channels = [(channel,) for channel in range(episodes[0].num_channels)]
+    return forward_selection(criterion, channels, num_channels)
 
 
 def _by_score(scores: Sequence[float], count: int) -> Ranking:

@@ -20,7 +20,7 @@ from .stepwise import Finding, StepwiseSelection
 #: Statuses of a sensor.
 CONFIRMED, TENTATIVE, REJECTED = 'confirmed', 'tentative', 'rejected'
 #: Kernel widths of the default; the paper's grid is wider and finer, with the same results.
-_WIDTHS = tuple(np.logspace(-1, 1.5, 6))
+WIDTHS = tuple(np.logspace(-1, 1.5, 6))
 #: A bin holds no more samples: neighbouring steps of an episode tell nearly the same.
 _MAX_SAMPLES = 1000
 #: How much greater the score must be for steps to be pooled that could be told apart.
@@ -292,7 +292,7 @@ class ConditionalMISelector(SensorSelector):
         estimator = Lsmi(
             criterion=self.criterion,
             num_centers=self.num_centers,
-            **({'widths': _WIDTHS} if is_default else {}),
+            **({'widths': WIDTHS} if is_default else {}),
         )
         steps = split_by_step(
             samples,

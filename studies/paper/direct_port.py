@@ -35,7 +35,7 @@ def rank_directly(
     num_centers: int | None = 200,
     random_state: int = 0,
 ) -> tuple[list[int], list[float]]:
-    """Rank sensors by forward selection; the defaults are those of `ConditionalMISelector`.
+    """Rank sensors by forward selection.
 
     Parameters
     ----------

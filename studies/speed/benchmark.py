@@ -1,4 +1,4 @@
-"""How long a ranking takes and how good it is: direct port, our engine, KDR and the peers.
+"""How long a ranking takes and how good it is: direct port, ours, KDR and the peers.
 
 All methods get the same data of the grid world and take turns, so that what else the machine
 does meets all of them; each measurement is a process of its own.
@@ -31,7 +31,19 @@ from studies.tasks import TASKS
 from .measurement import Job, Measurement, job_of, measure
 
 #: In the order of the table; the first is the measure of all others.
-TABLE = ('direct_port', 'default', 'paper', 'kdr', 'ennemi', 'sklearn')
+TABLE = (
+    'direct_port',
+    'score_as_port',
+    'score',
+    'default',
+    'paper',
+    'kdr',
+    'ennemi',
+    'sklearn',
+    'forest',
+)
+#: Ours, which share the work among threads of their own.
+OURS = ('score_as_port', 'score', 'default', 'paper')
 #: Those that may be faster with all cores, or with one, whatever they leave to their libraries.
 CALIBRATED = ('direct_port', 'kdr', 'ennemi')
 
@@ -61,7 +73,7 @@ class Row(NamedTuple):
 
 def row_job(options: argparse.Namespace, method: str, cores: int) -> Job:
     """Return the job of a row."""
-    # Our engine has its own processes; the others leave the cores to threads.
+    # Ours has its own threads; the others leave the cores to those of the linear algebra.
     return job_of(options, method, cores, cores if method in CALIBRATED else 1)
 
 
@@ -79,7 +91,7 @@ def rows_of(options: argparse.Namespace) -> list[Row]:
     for method in options.methods:
         if what_is_missing(method):
             rows.append(Row(method, None, []))
-        elif method in ('default', 'paper'):
+        elif method in OURS:
             rows += [Row(method, cores, []) for cores in options.jobs]
         else:
             rows.append(Row(method, best_cores(options, method), []))
@@ -118,7 +130,7 @@ def summary(options: argparse.Namespace, rows: list[Row]) -> list[dict]:
             'rank_sums': sums,
             'peak_bytes': row.peak_bytes,
         }
-        if port and row.method == 'default':
+        if port and row.method == 'score_as_port':
             pairs = list(zip(row.measurements, port.measurements, strict=True))
             entry['same_rankings_as_direct_port'] = sum(a.ranking == b.ranking for a, b in pairs)
             entry['greatest_difference_of_scores'] = max(
@@ -219,7 +231,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument(
         '--methods',
         type=names_among(TABLE),
-        default='direct_port,default,kdr,ennemi,sklearn',
+        default=','.join(method for method in TABLE if method != 'paper'),
         metavar='NAME,...',
         help=f'some of {",".join(TABLE)} (default: all but paper)',
     )
@@ -228,7 +240,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
         type=numbers_from(1),
         default=sorted({1, joblib.cpu_count()}),
         metavar='N,...',
-        help='numbers of processes of our engine (default: 1 and one a core)',
+        help='numbers of threads of ours (default: 1 and one a core)',
     )
     parser.add_argument('--json', action='store_true', help='print JSON in place of the table')
     options = parser.parse_args(arguments)

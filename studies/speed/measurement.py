@@ -32,7 +32,7 @@ class Job(NamedTuple):
     method : str
         One of `METHODS`.
     cores : int
-        How many to use: processes of our engine, threads of ennemi.
+        How many to use: threads of ours and of ennemi.
     blas_threads : int
         Threads of the linear algebra in each process.
     scenario, episodes, steps, channels, seed

@@ -25,7 +25,7 @@ TINY = ('--episodes', '8', '--steps', '6', '--channels', '5', '--top', '2', '--t
 @pytest.fixture(scope='module')
 def report():
     """Return what `benchmark --json` prints, run as a user runs it."""
-    options = ['--methods', 'direct_port,default', '--jobs', '1', '--seed', '4', '--json']
+    options = ['--methods', 'direct_port,score_as_port', '--jobs', '1', '--seed', '4', '--json']
     done = subprocess.run(
         [sys.executable, '-m', 'studies.speed.benchmark', *TINY, *options],
         cwd=ROOT, capture_output=True, text=True, check=True,
@@ -35,7 +35,7 @@ def report():
 
 def test_it_measures_each_method_on_the_same_data(report):
     port, ours = report['rows']
-    assert (port['method'], ours['method']) == ('direct_port', 'default')
+    assert (port['method'], ours['method']) == ('direct_port', 'score_as_port')
     for row in report['rows']:
         assert len(row['seconds_of_trials']) == 2
         assert row['seconds'] == np.median(row['seconds_of_trials']) > 0
@@ -151,7 +151,7 @@ def test_ctrl_c_ends_it_with_a_sentence_and_leaves_no_process():
             "argument --episodes: it is '1'; expected a number from 2",
         ),
         (benchmark, ['--top', '15'], 'argument --top: it is 15; there are 14 channels'),
-        (benchmark, ['--methods', 'mi'], "it is 'mi'; expected some of direct_port, default"),
+        (benchmark, ['--methods', 'mi'], "it is 'mi'; expected some of direct_port, score_as_port"),
         (benchmark, ['--jobs', '0,2'], "argument --jobs: it is '0,2'; expected numbers from 1"),
         (benchmark_growth, ['time'], "it is 'time'; expected some of episodes, steps, channels"),
         (benchmark_growth, ['--sizes', '5'], 'argument --sizes: name one dimension for them'),
