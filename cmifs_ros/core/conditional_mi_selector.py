@@ -12,7 +12,7 @@ from .evidence import ConditionalTest
 from .lsmi import Lsmi
 from .permutation import PermutationTest, permutation_test
 from .samples import Samples, collect_samples, split_by_step, standardized
-from .search import backward_elimination, forward_selection
+from .search import Sensor, backward_elimination, forward_selection
 from .sensor_selector import Ranking, SensorSelector
 from .shadows import null_scores
 from .stepwise import Finding, StepwiseSelection
@@ -199,6 +199,18 @@ class ConditionalMISelector(SensorSelector):
                 f'constant are {", ".join(names[sensors[i][0]] for i in dead)}'
             )
         living = [tuple(c for c in sensors[i] if varying[c]) for i in live]
+        start = [i for i, sensor in enumerate(live) if sensor in self._start]
+        findings, null, num_selected = self._search(samples, living, start)
+        findings = [f._replace(sensor=live[f.sensor]) for f in findings]
+        if self.num_features is None and dead:
+            score = findings[num_selected - 1].score if num_selected else 0.0
+            findings += [Finding(i, sensors[i], score) for i in dead]
+            null = np.vstack([null, np.full((len(dead), 3), score)])
+        self._keep_evidence(findings, null)
+        return Ranking([f.sensor for f in findings], [f.score for f in findings], num_selected)
+
+    def _search(self, samples: Samples, living: list[Sensor], start: list[int]):
+        """Return the findings, the scores of what tells nothing, and how many are selected."""
         samples = samples.with_channels(standardized(samples.owner[:, None].astype(float)))
         age = samples.states.shape[1] - 1
         bins, criterion = self._choose_bins(samples, living)
@@ -213,7 +225,6 @@ class ConditionalMISelector(SensorSelector):
             progress=self._progress,
         )
         if self.direction == 'forward':
-            start = [i for i, sensor in enumerate(live) if sensor in self._start]
             found = search.confirmed(start)
         else:
             found = search.tested(self._backward(criterion, living))
@@ -226,7 +237,6 @@ class ConditionalMISelector(SensorSelector):
             found = found[:num_selected]
             others = search.ranked(found, num_selected - len(found))
             before = [[*found, *others][:i] for i in range(num_selected)]
-        findings = [*found, *others]
         null = null_scores(
             lambda extended: self._criterion(extended, bins),
             samples,
@@ -234,13 +244,7 @@ class ConditionalMISelector(SensorSelector):
             [[*background, *(c for f in rest for c in f.channels)] for rest in before],
             np.random.default_rng([self.random_state, 3]),
         )
-        findings = [f._replace(sensor=live[f.sensor]) for f in findings]
-        if self.num_features is None and dead:
-            score = found[-1].score if found else 0.0
-            findings += [Finding(i, sensors[i], score) for i in dead]
-            null = np.vstack([null, np.full((len(dead), 3), score)])
-        self._keep_evidence(findings, null)
-        return Ranking([f.sensor for f in findings], [f.score for f in findings], num_selected)
+        return [*found, *others], null, num_selected
 
     def _keep_evidence(self, findings: list[Finding], null: np.ndarray) -> None:
         self.pvalues_ = np.array([finding.pvalue for finding in findings])
