@@ -214,7 +214,7 @@ class ConditionalMISelector(SensorSelector):
         samples = samples.with_channels(standardized(samples.owner[:, None].astype(float)))
         age = samples.states.shape[1] - 1
         bins, criterion = self._choose_bins(samples, living)
-        test = ConditionalTest(samples, given_step=bins != 1, random_state=self.random_state)
+        test = ConditionalTest(samples, self.random_state)
         background = [age] if test((age,), ()) <= _DRIFT_LEVEL else []
         search = StepwiseSelection(
             criterion,

@@ -32,19 +32,17 @@ _LEAST_OWN_SHARE = 1e-3
 
 
 class ConditionalTest:
-    """Test channels given others.
+    """Test channels given others and the time step.
 
     Parameters
     ----------
     samples : Samples
-    given_step : bool
-        Whether the time step is among what is given, always.
     random_state : int
         Seed of folds, centres and signs.
 
     """
 
-    def __init__(self, samples: Samples, *, given_step: bool, random_state: int):
+    def __init__(self, samples: Samples, random_state: int):
         rng = np.random.default_rng([random_state, 1])
         stride = -(-len(samples.step) // _MAX_ROWS)
         rows = np.flatnonzero((samples.step + samples.owner) % stride == 0)
@@ -52,7 +50,7 @@ class ConditionalTest:
         self._states = standardized(samples.states[rows])
         owner = samples.owner[rows]
         self._episodes = np.split(np.arange(len(rows)), np.flatnonzero(np.diff(owner)) + 1)
-        self._step = standardized(samples.step[rows] * float(given_step))
+        self._step = standardized(samples.step[rows].astype(float))
         num_episodes = samples.owner[-1] + 1
         num_folds = min(_NUM_FOLDS, num_episodes)
         self._folds = (rng.permutation(num_episodes) * num_folds // num_episodes)[owner]

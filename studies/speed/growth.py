@@ -151,7 +151,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
         '--jobs',
         type=number_from(1),
         default=joblib.cpu_count(),
-        help='processes of the engine (default: one a core)',
+        help='threads of ours (default: one a core)',
     )
     parser.add_argument('--seed', type=number_from(0), default=0, help='default 0')
     parser.add_argument('--trials', type=number_from(1), default=3, help='default 3')
