@@ -135,8 +135,9 @@ def rank(
         elif method == 'direct_port':
             found = rank_directly(episodes, num_channels, random_state=seed)
         else:
-            estimator = ESTIMATORS_OF_SCORE[method]
-            found = _by_forward_selection(estimator, episodes, num_channels, seed, n_jobs)
+            criterion = criterion_of(ESTIMATORS_OF_SCORE[method], episodes, seed, n_jobs)
+            channels = [(channel,) for channel in range(episodes[0].num_channels)]
+            found = forward_selection(criterion, channels, num_channels)
         return _of_sensors(*found, parts, count)
     if method == 'kdr':
         selector = KDRSelector(count, groups=groups, target=target, random_state=seed)
@@ -152,7 +153,8 @@ def rank(
     return Ranking(tuple(selector.ranking_.tolist()), tuple(selector.scores_.tolist()))
 
 
-def _by_forward_selection(estimator: Lsmi, episodes, num_channels: int, seed: int, n_jobs: int):
+def criterion_of(estimator: Lsmi, episodes, seed: int, n_jobs: int = 1) -> ConditionalMI:
+    """Return the criterion by which the default ranks, with another estimator."""
     steps = step_samples(
         episodes,
         gamma=0.95,
@@ -162,9 +164,7 @@ def _by_forward_selection(estimator: Lsmi, episodes, num_channels: int, seed: in
         num_centers=estimator.num_centers,
         random_state=seed,
     )
-    criterion = ConditionalMI(steps, estimator, tuning_window=2, n_jobs=n_jobs)
-    channels = [(channel,) for channel in range(episodes[0].num_channels)]
-    return forward_selection(criterion, channels, num_channels)
+    return ConditionalMI(steps, estimator, tuning_window=2, n_jobs=n_jobs)
 
 
 def _by_score(scores: Sequence[float], count: int) -> Ranking:

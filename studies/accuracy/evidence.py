@@ -9,12 +9,10 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Callable
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from cmifs_ros.tools.arguments import number_from
 from cmifs_ros.tools.program import StudyError, exit_code
 from studies.methods import METHODS
 from studies.parallel_trials import finish
@@ -22,6 +20,8 @@ from studies.tables import markdown_table
 from studies.tasks import TASKS, what_is_missing
 from studies.trial_log import TrialLog
 from studies.trials import Trial
+
+from .trial_arguments import add_log_argument, add_trial_arguments
 
 #: Whether a trial shows what is asked for, from the names that were selected, in their order,
 #: and those that are relevant.
@@ -150,20 +150,8 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(
         prog='evidence', description=' '.join(__doc__.split()), allow_abbrev=False
     )
-    parser.add_argument('--trials', type=number_from(1), default=50, help='default 50')
-    parser.add_argument(
-        '--first-seed',
-        type=number_from(0),
-        default=1000,
-        help='trial i has the seed FIRST_SEED + i (default 1000)',
-    )
-    parser.add_argument('--jobs', type=number_from(1), help='processes (default: one a core)')
-    parser.add_argument(
-        '--log',
-        type=Path,
-        metavar='FILE',
-        help='CSV file of the trials; those that it holds are not run again',
-    )
+    add_trial_arguments(parser)
+    add_log_argument(parser)
     options = parser.parse_args(arguments)
     kept = 'the same command continues where it stopped' if options.log else 'nothing is kept'
     return exit_code('evidence', lambda: run(options), kept)

@@ -12,32 +12,22 @@ import sys
 
 import numpy as np
 
-from cmifs_ros.core import ConditionalMI, Lsmi
-from cmifs_ros.core.samples import step_samples
-from cmifs_ros.tools.arguments import names_among, number_from, numbers_from
+from cmifs_ros.core import Lsmi
+from cmifs_ros.tools.arguments import names_among, numbers_from
 from cmifs_ros.tools.program import exit_code
-from studies.methods import mean_and_error
+from studies.methods import criterion_of, mean_and_error
 from studies.parallel_trials import results_of
 from studies.tables import markdown_table
 from studies.tasks import TASKS, what_is_missing
 
 from .rank_sums import USUAL_TASKS
+from .trial_arguments import add_trial_arguments
 
 
 def ranked_higher(task: str, num_episodes: int, seed: int) -> list[int]:
     """Return how many irrelevant sensors score higher than each relevant one."""
     episodes = TASKS[task].rollout(num_episodes, seed)
-    estimator = Lsmi()
-    steps = step_samples(
-        episodes,
-        gamma=0.95,
-        standardize=True,
-        max_time_bins=32,
-        num_folds=estimator.num_folds,
-        num_centers=estimator.num_centers,
-        random_state=seed,
-    )
-    criterion = ConditionalMI(steps, estimator, tuning_window=2)
+    criterion = criterion_of(Lsmi(), episodes, seed)
     parts = list(TASKS[task].sensors.values())
     relevant = TASKS[task].relevant
     irrelevant = [s for s in range(len(parts)) if s not in relevant]
@@ -95,14 +85,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
         metavar='M,M,...',
         help='default %(default)s',
     )
-    parser.add_argument('--trials', type=number_from(1), default=50, help='default 50')
-    parser.add_argument(
-        '--first-seed',
-        type=number_from(0),
-        default=1000,
-        help='trial i has the seed FIRST_SEED + i (default 1000)',
-    )
-    parser.add_argument('--jobs', type=number_from(1), help='processes (default: one a core)')
+    add_trial_arguments(parser)
     return parser.parse_args(arguments)
 
 

@@ -12,11 +12,10 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 
-from cmifs_ros.tools.arguments import names_among, number_from, numbers_from
+from cmifs_ros.tools.arguments import names_among, numbers_from
 from cmifs_ros.tools.program import StudyError, exit_code
 from studies import methods, tasks
 from studies.methods import METHODS
@@ -25,6 +24,8 @@ from studies.tables import markdown_table
 from studies.tasks import TASKS
 from studies.trial_log import TrialLog
 from studies.trials import Results, Trial
+
+from .trial_arguments import add_log_argument, add_trial_arguments
 
 #: Those asked for by default, first in the table, where the others follow.
 USUAL_METHODS = ('default', 'paper', 'kdr', 'ennemi', 'sklearn', 'forest')
@@ -151,20 +152,8 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
         metavar='M,M,...',
         help='default %(default)s',
     )
-    parser.add_argument('--trials', type=number_from(1), default=50, help='default 50')
-    parser.add_argument(
-        '--first-seed',
-        type=number_from(0),
-        default=1000,
-        help='trial i has the seed FIRST_SEED + i (default 1000)',
-    )
-    parser.add_argument('--jobs', type=number_from(1), help='processes (default: one a core)')
-    parser.add_argument(
-        '--log',
-        type=Path,
-        metavar='FILE',
-        help='CSV file of the trials; those that it holds are not run again',
-    )
+    add_trial_arguments(parser)
+    add_log_argument(parser)
     return parser.parse_args(arguments)
 
 

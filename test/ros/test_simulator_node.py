@@ -210,6 +210,8 @@ def test_actions_of_a_discrete_environment_come_from_the_topic(start, robot):
     robot.until(lambda: len(taken) > 40 and set(taken[-40:]) == {1.0})
     publisher.publish(Int32(data=2))
     robot.until(lambda: 'action is 2; expected some of Discrete(2)' in node.output)
+    assert set(taken) <= {0.0, 1.0}  # What is no action is not taken.
+    assert 'Traceback' not in node.output
 
 
 @pytest.mark.parametrize('env', ['Nothing-v9', 'no/such:thing'])

@@ -146,6 +146,9 @@ def test_the_sampler_beside_the_selector_is_shown_and_not_taken_for_it(start, wa
     terminal.expect('/odom .*no message came')
     terminal.sendintr()
     terminal.expect(pexpect.EOF)
+    terminal.close()
+    assert terminal.exitstatus == 0
+    assert 'Traceback' not in terminal.before
 
 
 def test_a_bad_namespace_is_one_clear_sentence():
