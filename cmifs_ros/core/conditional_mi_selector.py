@@ -34,8 +34,8 @@ _DRIFT_LEVEL = 0.01
 class ConditionalMISelector(SensorSelector):
     """Select the sensors that the return depends on, also through several time steps.
 
-    The score proposes the next sensor, and a test disposes: is the score higher than with shadows
-    of that sensor, given those selected before? In the end each is tested given all the others.
+    The score proposes the next sensor, and a test disposes: does it tell something about the return
+    that those selected before it do not? In the end each is tested given all the others.
     Its further attributes are those of `SensorSelector`.
 
     Parameters
