@@ -257,11 +257,13 @@ def run(options: argparse.Namespace) -> None:
             *('-p', f'num_episodes:={options.episodes}'),
         )
         client.wait_for_episodes(options.episodes)
-        before = _states(processes, count)[-1]
         num_before = len(processes.lines('downstream'))
         print('calling /select_features; the state keeps flowing meanwhile ...', flush=True)
         result = client.select_features()
-        meanwhile = len(processes.lines('downstream')) - num_before
+        received = processes.lines('downstream')
+        meanwhile = len(received) - num_before
+        # The last ones may be of the selected sensors already; all may have been missed.
+        before = [line for line in received if len(line.split()) == count][-1:]
         selection = selection_of(result | {'means': [], 'spreads': []})
         print(
             f'answered after {selection.seconds:.1f} s of computing on {selection.episodes} '
@@ -270,7 +272,8 @@ def run(options: argparse.Namespace) -> None:
         print_selection(selection, options.scenario)
         lines = _states(processes, len(selection.names) or count)
     print(f'\nwhat the downstream node received, {meanwhile} states of it during the selection:')
-    print(f'  before  {shorten(before, _LINE_WIDTH, placeholder=" ...")}')
+    for line in before:
+        print(f'  before  {shorten(line, _LINE_WIDTH, placeholder=" ...")}')
     for line in lines[-NUM_SHOWN:]:
         print(f'  after   {shorten(line, _LINE_WIDTH, placeholder=" ...")}')
     save_picture(selection, options.scenario, options.out)
