@@ -214,7 +214,7 @@ class ConditionalMISelector(SensorSelector):
         samples = samples.with_channels(standardized(samples.owner[:, None].astype(float)))
         age = samples.states.shape[1] - 1
         bins, criterion = self._choose_bins(samples, living)
-        test = ConditionalTest(samples, self.random_state)
+        test = ConditionalTest(samples, self.gamma, self.random_state)
         background = [age] if test((age,), ()) <= _DRIFT_LEVEL else []
         search = StepwiseSelection(
             criterion,

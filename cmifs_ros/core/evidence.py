@@ -7,11 +7,16 @@ sensor, and the two remainders are multiplied. If the sensor tells nothing more,
 episode sum up to either sign with equal chance, whatever the steps of it have to do with each
 other (the wild cluster bootstrap: Cameron, Gelbach & Miller, Bootstrap-based improvements for
 inference with clustered errors, 2008).
+
+What is left of the return is looked at as it is and by its temporal differences (Sutton, Learning
+to predict by the methods of temporal differences, 1988): what a step alone adds has less noise than
+all that comes after it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import product
 
 import numpy as np
 from scipy import special
@@ -37,12 +42,14 @@ class ConditionalTest:
     Parameters
     ----------
     samples : Samples
+    gamma : float
+        Discount factor of the returns.
     random_state : int
         Seed of folds, centres and signs.
 
     """
 
-    def __init__(self, samples: Samples, random_state: int):
+    def __init__(self, samples: Samples, gamma: float, random_state: int):
         rng = np.random.default_rng([random_state, 1])
         stride = -(-len(samples.step) // _MAX_ROWS)
         rows = np.flatnonzero((samples.step + samples.owner) % stride == 0)
@@ -50,6 +57,7 @@ class ConditionalTest:
         self._states = standardized(samples.states[rows])
         owner = samples.owner[rows]
         self._episodes = np.split(np.arange(len(rows)), np.flatnonzero(np.diff(owner)) + 1)
+        self._discount = gamma**stride
         self._step = standardized(samples.step[rows].astype(float))
         num_episodes = samples.owner[-1] + 1
         num_folds = min(_NUM_FOLDS, num_episodes)
@@ -68,7 +76,7 @@ class ConditionalTest:
         return self._known[key]
 
     def _test(self, channels, given) -> float:
-        points, regression, choice, left, errors = self._explained_by(given)
+        points, regression, choice, remainders = self._explained_by(given)
         sensor = self._states[:, channels]
         own = np.column_stack(
             [
@@ -83,18 +91,33 @@ class ConditionalTest:
         functions = regression.residual(functions, choice)
         variances, axes = np.linalg.eigh(functions.T @ functions / len(functions))
         functions = functions @ axes
-        return self._pvalue(functions.T @ left, self._sums(functions, errors), variances)
+        products = [
+            (functions.T @ left, self._sums(functions, errors)) for left, errors in remainders
+        ]
+        return self._pvalue(products, variances)
 
     def _explained_by(self, given):
-        """Return what the given channels and the step explain of the return, and what is left."""
+        """Return the regression on the given channels and the step, and what it leaves.
+
+        The remainders are the residual and its temporal differences, each as the fit left it and
+        as large as the errors.
+        """
         if self._given[0] != given:
             points = np.column_stack([self._states[:, given], self._step])
             regression = KernelRidge(points, self._centers, self._folds)
             choice = regression.tuned(self._returns[:, None])[0]
             left = regression.residual(self._returns[:, None], choice)[:, 0]
             errors = regression.unshrunk(left, choice, self._episodes)
-            self._given = given, (points, regression, choice, left, errors)
+            changes = self._differences(left), self._differences(errors)
+            self._given = given, (points, regression, choice, [(left, errors), changes])
         return self._given[1]
+
+    def _differences(self, residual):
+        """Return residuals less the discounted ones of the next row: the Bellman residuals."""
+        differences = residual.copy()
+        for rows in self._episodes:
+            differences[rows[:-1]] -= self._discount * residual[rows[1:]]
+        return differences
 
     def _functions_of(self, own, points):
         """Return functions of what the sensor has for itself and of what is given: (N, k)."""
@@ -109,15 +132,15 @@ class ConditionalTest:
         """Return the sum of the products in each episode: shape (M, k)."""
         return np.stack([functions[rows].T @ errors[rows] for rows in self._episodes])
 
-    def _pvalue(self, total: np.ndarray, sums: np.ndarray, variances: np.ndarray) -> float:
-        """Return the probability that signs alone bring about a total that large.
+    def _pvalue(self, products: list[tuple[np.ndarray, np.ndarray]], variances) -> float:
+        """Return the probability that signs alone bring about totals that large.
 
         The greatest of several statistics, each divided by its deviation, is compared with a law
         of three moments (Winkler et al., Faster permutation inference in brain imaging, 2016).
         """
         variances = np.maximum(variances, 0)
         greatest, null = -np.inf, np.full(len(self._signs), -np.inf)
-        for share in _WHITENINGS:
+        for (total, sums), share in product(products, _WHITENINGS):
             weights = 1 / np.sqrt(variances + share * variances.max())
             each = sums * weights
             expected = (each**2).sum()
