@@ -11,40 +11,12 @@ from typing import TypeVar
 import joblib
 from tqdm import tqdm
 
-from cmifs_ros.tools.program import StudyError
+from cmifs_ros.tools.cluster import IS_OLD_JOBLIB, backend
 
 from .trial_log import TrialLog
 from .trials import Results, Trial, run_trial
 
 T = TypeVar('T')
-
-#: Ubuntu 24.04's joblib 1.3 gives results in order only: a row then waits for those before it.
-IS_OLD_JOBLIB = tuple(map(int, joblib.__version__.split('.')[:2])) < (1, 4)
-
-
-@contextmanager
-def backend(scheduler: str | None) -> Iterator[None]:
-    """Have joblib work on this machine, or on the cluster of a Dask scheduler."""
-    if scheduler is None:
-        # More threads than processes would only get into each other's way.
-        with joblib.parallel_config(backend='loky', inner_max_num_threads=1):
-            yield
-        return
-    try:
-        from distributed import Client
-    except ImportError as error:
-        raise StudyError(
-            '--scheduler needs the package distributed, here and on the cluster: '
-            'python3 -m pip install distributed'
-        ) from error
-    if IS_OLD_JOBLIB:
-        raise StudyError(f'--scheduler needs joblib 1.4 or newer; this is {joblib.__version__}')
-    try:
-        client = Client(scheduler, timeout=10)
-    except (OSError, ValueError) as error:
-        raise StudyError(f'no Dask scheduler answers at {scheduler}: {error}') from error
-    with client, joblib.parallel_config(backend='dask'):
-        yield
 
 
 @contextmanager
@@ -55,6 +27,7 @@ def results_of(
     parallel = joblib.Parallel(
         n_jobs=jobs or -1,
         batch_size=1,
+        # An old joblib gives results in order only: a row then waits for those before it.
         return_as='generator' if IS_OLD_JOBLIB else 'generator_unordered',
     )
     # A terminal's Ctrl-C reaches the workers too; they inherit that they ignore it. A blocked one

@@ -38,9 +38,15 @@ def main(arguments: list[str] | None = None) -> int:
         '--num-features', type=number_from(1), metavar='N',
         help='sensors to select (default: as many as there is evidence for)',
     )  # fmt: skip
-    parser.add_argument(
+    where = parser.add_mutually_exclusive_group()
+    where.add_argument(
         '--jobs', type=number_from(1), default=1, metavar='N', help='bags read at the same time'
     )
+    where.add_argument(
+        '--scheduler', metavar='ADDRESS',
+        help='read and select on the cluster of this Dask scheduler, which finds the bags by the '
+        'same paths',
+    )  # fmt: skip
     parser.add_argument(
         '--stability', type=number_from(1), default=0, metavar='N',
         help='select from N random halves of the episodes too, and say how often each sensor is',
@@ -50,18 +56,21 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _run(options: argparse.Namespace) -> None:
+    from .cluster import backend
+
     try:
         robot = load_robot_file(options.robot) if options.robot else None
-        bags = _read(options.bags, robot, options.jobs)
-        _select(bags, robot, options)
+        with backend(options.scheduler):
+            bags = _read(options.bags, robot, options)
+            _select(bags, robot, options)
     except (BagError, RobotFileError, OSError) as error:
         raise StudyError(str(error)) from error
 
 
-def _read(paths: list[str], robot: RobotFile | None, jobs: int) -> list[BagEpisodes]:
+def _read(paths: list[str], robot: RobotFile | None, options) -> list[BagEpisodes]:
     from tqdm import tqdm
 
-    if jobs == 1 or len(paths) == 1:
+    if not options.scheduler and (options.jobs == 1 or len(paths) == 1):
 
         def watch(messages, total):
             return tqdm(messages, total=total, unit=' messages', disable=None, leave=False)
@@ -70,8 +79,8 @@ def _read(paths: list[str], robot: RobotFile | None, jobs: int) -> list[BagEpiso
     else:
         from joblib import Parallel, delayed
 
-        read = Parallel(jobs, return_as='generator')(
-            delayed(episodes_of_bag)(path, robot) for path in paths
+        read = Parallel(options.jobs, return_as='generator')(
+            delayed(episodes_of_bag)(Path(path).absolute(), robot) for path in paths
         )
         found = tqdm(read, total=len(paths), unit=' bags', disable=None, leave=False)
     bags = []
@@ -87,6 +96,8 @@ def _read(paths: list[str], robot: RobotFile | None, jobs: int) -> list[BagEpiso
 
 
 def _select(bags: list[BagEpisodes], robot: RobotFile | None, options) -> None:
+    from joblib import Parallel, delayed
+
     from cmifs_ros.core.selection import select
 
     from .html_report import write_report
@@ -105,9 +116,11 @@ def _select(bags: list[BagEpisodes], robot: RobotFile | None, options) -> None:
         settings['groups'] = robot.groups
     print(f'selecting among {len(names)} channels from {len(episodes)} episodes ...', flush=True)
     try:
-        selection = select(
+        # A single job: without a cluster, joblib does it in this process.
+        job = delayed(select)(
             episodes, names, 'conditional_mi', settings, num_halves=options.stability
         )
+        (selection,) = Parallel(1)([job])
     except ValueError as error:  # of the settings or the episodes
         raise StudyError(str(error)) from error
     print(f'\n{ranking_text(selection)}\n')

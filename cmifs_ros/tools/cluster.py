@@ -1,0 +1,65 @@
+"""Where joblib's calls run: on this machine, or on a Dask cluster.
+
+distributed is optional: `python3 -m pip install distributed`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib.util import find_spec
+
+import joblib
+
+from .program import StudyError
+
+#: Ubuntu 24.04's joblib 1.3 knows less.
+IS_OLD_JOBLIB = tuple(map(int, joblib.__version__.split('.')[:2])) < (1, 4)
+#: Seconds for a scheduler to answer.
+_PATIENCE = 10
+
+
+@contextmanager
+def backend(scheduler: str | None) -> Iterator[None]:
+    """Have joblib work on this machine, or on the cluster of a Dask scheduler.
+
+    joblib does not send what a cluster of a single core could do: it does that here.
+
+    Raises
+    ------
+    StudyError
+        If the cluster cannot be used, or breaks down.
+
+    """
+    if scheduler is None:
+        # More threads than processes would only get into each other's way.
+        with joblib.parallel_config(backend='loky', inner_max_num_threads=1):
+            yield
+        return
+    try:
+        from distributed import CancelledError, Client, KilledWorker
+    except ImportError as error:
+        raise StudyError(
+            '--scheduler needs the package distributed, here and on the cluster: '
+            'python3 -m pip install distributed'
+        ) from error
+    if IS_OLD_JOBLIB:
+        raise StudyError(f'--scheduler needs joblib 1.4 or newer; this is {joblib.__version__}')
+    try:
+        client = Client(scheduler, timeout=_PATIENCE)
+    except (OSError, ValueError) as error:
+        raise StudyError(f'no Dask scheduler answers at {scheduler}: {error}') from error
+    with client:
+        # A worker without the package would not say so: its task would never end.
+        has_package = client.run(lambda: find_spec('cmifs_ros') is not None)
+        if not has_package:
+            raise StudyError(f'the cluster of {scheduler} has no worker: dask worker {scheduler}')
+        if not all(has_package.values()):
+            lacking = [worker for worker, has_it in has_package.items() if not has_it]
+            raise StudyError(f'cmifs_ros is not installed on the worker {lacking[0]}')
+        try:
+            with joblib.parallel_config(backend='dask'):
+                yield
+        except (CancelledError, KilledWorker) as error:
+            what = ' '.join(str(error).split())
+            raise StudyError(f'the cluster of {scheduler} broke down: {what}') from error
