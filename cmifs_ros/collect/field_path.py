@@ -1,5 +1,7 @@
 """Where a number lies in a message: `/topic.field.sub`, `[0:360:30]`, `{name,name}`.
 
+In the middle, `.status{left motor}.level` takes of an array of messages the one called so.
+
 Works on any object with the message's attributes, rclpy's and rosbags' alike.
 """
 
@@ -16,7 +18,7 @@ _MAX_INDEX = 10**7
 _MAX_TOPIC = 200
 
 _TOPIC = re.compile(r'/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*')
-_FIELD = re.compile(r'\.([A-Za-z][A-Za-z0-9_]*)')
+_FIELD = re.compile(r'\.([A-Za-z][A-Za-z0-9_]*)(\{[^{}]+\}(?=\.))?')
 _END = re.compile(r'(?:\[(\d+)\]|\[(\d*):(\d+)(?::(\d+))?\]|\{([^{}]+)\})?')
 
 
@@ -32,7 +34,7 @@ class FieldPath:
     ----------
     topic : str
     fields : tuple of str
-        None for the message itself.
+        None for the message itself; `{text}` is the entry whose `name` or `key` is the text.
     indices : tuple of int
         Of an array, in order.
     names : tuple of str
@@ -58,6 +60,8 @@ class FieldPath:
     def read(self, message) -> list:
         """Return the values in a message, as many as `suffixes`.
 
+        They are none if an array has no entry called so: the message is of other things.
+
         Raises
         ------
         MissingFieldError
@@ -67,6 +71,11 @@ class FieldPath:
         parent = value = message
         for field in self.fields:
             parent = value
+            if field.startswith('{'):
+                value = next((entry for entry in value if _called(entry) == field[1:-1]), None)
+                if value is None:
+                    return []
+                continue
             value = getattr(value, field, None)
             if value is None:
                 raise MissingFieldError(f'{self.topic} has no field {field!r}')
@@ -108,7 +117,7 @@ def parse_field_path(text: str) -> FieldPath:
         raise ValueError(f'{shown} has a topic of {topic.end()} characters; at most {_MAX_TOPIC}')
     position, fields = topic.end(), []
     while (field := _FIELD.match(text, position)) is not None:
-        fields.append(field[1])
+        fields += filter(None, field.groups())
         position = field.end()
     if len(fields) > MAX_PARTS:
         raise ValueError(f'{shown} has {len(fields)} parts; expected at most {MAX_PARTS}')
@@ -116,7 +125,7 @@ def parse_field_path(text: str) -> FieldPath:
     if end is None:
         raise ValueError(
             f'{shown} is not understood from {text[position : position + 20]!r} on; expected '
-            '[3], [0:360:30] with a fixed end, or {name,name}'
+            '[3], [0:360:30] with a fixed end, {name,name}, or {name}.field'
         )
     index, start, stop, step, braces = end.groups()
     indices: range | tuple = ()
@@ -135,6 +144,10 @@ def parse_field_path(text: str) -> FieldPath:
     if not all(names) or len(set(names)) < len(names):
         raise ValueError(f'{shown} has an empty or a repeated name in its braces')
     return FieldPath(topic[0], tuple(fields), tuple(indices), names, stop is not None)
+
+
+def _called(entry) -> str | None:
+    return getattr(entry, 'name', getattr(entry, 'key', None))
 
 
 def _checked_index(text: str) -> int:

@@ -193,7 +193,9 @@ class Sampler:
         content: dict = {}
         for source in self._by_topic[topic]:
             try:
-                content[source.name] = _values(source, message)
+                values = _values(source, message)
+                if values:
+                    content[source.name] = values
             except _UNREADABLE as error:
                 self.note_wrong(topic, str(error))
         for key in ('reward', 'terminated', 'truncated'):
@@ -350,7 +352,7 @@ def _number(value) -> float:
 
 def _values(source: Source, message) -> list[float]:
     found = source.path.read(message)
-    if source.is_yaw:
+    if source.is_yaw and found:
         q = found[0]
         sine = 2 * (q.w * q.z + q.x * q.y)
         cosine = 1 - 2 * (q.y * q.y + q.z * q.z)

@@ -27,7 +27,8 @@ def test_what_a_message_lacks_is_said(path):
 @pytest.mark.parametrize(
     'path',
     ['', '/a' + '.b' * 1000, '/a.b[0:1000000]', '/a.b[0:]', '/a.b[5:2]', '/a.b[0:9:0]', '/a.b{}',
-     '/a.b{x,x}', '/a.__class__', '/a.b[-1]', '/a.b[99999999999999999999]', '/a.b()'],
+     '/a.b{x,x}', '/a.__class__', '/a.b[-1]', '/a.b[99999999999999999999]', '/a.b()',
+     '/a.b{x}.', '/a.b{}.c', '/a.b{x{y}}.c'],
 )  # fmt: skip
 def test_what_is_no_path_is_refused_in_words(path):
     with pytest.raises(ValueError, match=r'expected|at most|repeated'):

@@ -75,6 +75,19 @@ def test_arrays_that_change_their_length_are_gaps():
     assert sampler.missing['s'] == 1
 
 
+def test_a_message_of_other_things_is_not_wrong_and_changes_nothing():
+    robot = parse_robot_file(
+        'step: {topic: /d}\nchannels: {x: "/d.status{me}.values{t}.value"}\nreward: x\n'
+    )
+    sampler, steps = Sampler(robot), []
+    for time, (name, text) in enumerate([('me', '1.5'), ('you', '7'), ('me', '2'), ('me', 'hot')]):
+        status = Message(name=name, values=[Message(key='t', value=text)])
+        steps += sampler.add('/d', Message(status=[status]), time * SECOND // 2)
+    steps += sampler.flush()
+    assert [list(step.state) for step in steps] == [[1.5], [1.5], [2]]
+    assert sampler.wrong == {'/d': 1}  # It says 'hot'.
+
+
 def test_who_is_behind_with_receiving_calls_nothing_late():
     """What waits in a queue for 1.5 s keeps its stamp; what has none gets a later time."""
     sampler, steps = Sampler(parse_robot_file(FILE.replace('0.25', '9') % 'steps: 99')), []

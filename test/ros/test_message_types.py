@@ -7,6 +7,7 @@ import pytest
 pytest.importorskip('rclpy', reason='ROS 2 is not here')
 pytest.importorskip('rosbags', reason='rosbags is not here')
 
+import diagnostic_msgs.msg as diagnostic
 import geometry_msgs.msg as geometry
 import nav_msgs.msg as nav
 import sensor_msgs.msg as sensor
@@ -23,6 +24,10 @@ HEADER = std.Header(stamp=Time(sec=7, nanosec=5), frame_id='base')
 TURN = geometry.Quaternion(z=sin(pi / 6), w=cos(pi / 6))
 POSE = geometry.Pose(position=geometry.Point(x=1.5, y=-2.5), orientation=TURN)
 TWIST = geometry.Twist(linear=geometry.Vector3(x=0.25), angular=geometry.Vector3(z=-0.5))
+STATUS = diagnostic.DiagnosticStatus(
+    level=b'\x01', name='arm: /motors, left',
+    values=[diagnostic.KeyValue(key='Heat (C)', value='36.5'), diagnostic.KeyValue(key='n')],
+)  # fmt: skip
 VECTOR = geometry.Vector3(x=0.5, y=1.0, z=9.75)
 CASES = [
     (nav.Odometry(header=HEADER, pose=geometry.PoseWithCovariance(pose=POSE)),
@@ -47,6 +52,9 @@ CASES = [
     (sensor.Temperature(header=HEADER, temperature=36.5), {'.temperature': [36.5]}),
     (sensor.Joy(header=HEADER, axes=[0.5, -1.0], buttons=[0, 1, 0]),
      {'.axes[0:2]': [0.5, -1.0], '.buttons[1]': [1.0]}),
+    (diagnostic.DiagnosticArray(header=HEADER, status=[diagnostic.DiagnosticStatus(), STATUS]),
+     {'.status{arm: /motors, left}.values{Heat (C)}.value': [36.5],
+      '.status{arm: /motors, left}.level': [1.0]}),
     (std.Bool(data=True), {'.data': [1.0]}),
     (std.Byte(data=b'\x03'), {'.data': [3.0]}),
     (std.UInt8(data=200), {'.data': [200.0]}),
