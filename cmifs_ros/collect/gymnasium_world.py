@@ -5,10 +5,18 @@ Gymnasium is optional: python3 -m pip install gymnasium.
 
 from __future__ import annotations
 
+import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 import numpy as np
 
 from .gymnasium_episodes import channel_names, flatten
 from .state_reader import problem_of_names
+
+
+class WorldError(Exception):
+    """An environment failed while it ran; the message says which, how and where."""
 
 
 class GymnasiumWorld:
@@ -56,19 +64,29 @@ class GymnasiumWorld:
             raise ValueError(f'env is {name!r}, whose states have {problem}')
         self.actions = f'some of {self._env.action_space}'
         self._is_discrete = isinstance(self._env.action_space, gymnasium.spaces.Discrete)
+        self._name = name
         self._seed: int | None = seed
         self._env.action_space.seed(seed)
 
     def reset(self) -> tuple[np.ndarray, dict]:
-        """Begin an episode; return its first state, shape (v,), and what else is told."""
-        observation, told = self._env.reset(seed=self._seed)
-        self._seed = None
-        return flatten(observation), told
+        """Begin an episode; return its first state, shape (v,), and what else is told.
+
+        Raises
+        ------
+        WorldError
+            If the environment raises anything; so does `step`.
+
+        """
+        with self._blamed_for('reset'):
+            observation, told = self._env.reset(seed=self._seed)
+            self._seed = None
+            return flatten(observation), told
 
     def step(self, action) -> tuple[np.ndarray, float, bool, bool, dict]:
         """Take an action; return what Gymnasium does, the state as a vector."""
-        observation, reward, terminated, truncated, told = self._env.step(action)
-        return flatten(observation), float(reward), bool(terminated), bool(truncated), told
+        with self._blamed_for('step'):
+            observation, reward, terminated, truncated, told = self._env.step(action)
+            return flatten(observation), float(reward), bool(terminated), bool(truncated), told
 
     def sample_action(self):
         """Return a random action."""
@@ -77,3 +95,14 @@ class GymnasiumWorld:
     def allows(self, number: int) -> bool:
         """Tell whether a whole number is an action."""
         return self._is_discrete and bool(self._env.action_space.contains(np.int64(number)))
+
+    @contextmanager
+    def _blamed_for(self, what: str) -> Iterator[None]:
+        try:
+            yield
+        except Exception as error:  # It is somebody else's code.
+            where = traceback.extract_tb(error.__traceback__)[-1]
+            raise WorldError(
+                f'the {what} of the environment {self._name!r} failed: {type(error).__name__}: '
+                f'{" ".join(str(error).split())[:300]} ({where.filename}, line {where.lineno})'
+            ) from error

@@ -30,9 +30,10 @@ def simulator_node() -> int:
 def run_node(module: str, name: str) -> int:
     """Run a node of this package until SIGINT, SIGTERM or shutdown; return the exit code.
 
-    It is 0, or 2 if the node cannot start as it was asked to. The signals end the loop between
-    two callbacks: rclpy's own handlers would shut the context down in the middle of one, and
-    its next publish would raise. While the node is still being loaded they end it at once.
+    It is 0, or 2 if the node cannot start as it was asked to; a node that cannot go on raises
+    SystemExit with a sentence. The signals end the loop between two callbacks: rclpy's own
+    handlers would shut the context down in the middle of one, and its next publish would raise.
+    While the node is still being loaded they end it at once.
     """
     _on_signals(lambda *_: os._exit(0))
     import rclpy

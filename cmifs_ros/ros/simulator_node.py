@@ -15,7 +15,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Header, Int32
 from visualization_msgs.msg import MarkerArray
 
-from cmifs_ros.collect.gymnasium_world import GymnasiumWorld
+from cmifs_ros.collect.gymnasium_world import GymnasiumWorld, WorldError
 from cmifs_ros.collect.transitions import RewardSample
 from cmifs_ros.sim import SCENARIOS, GridWorld, sample_action
 from cmifs_ros.sim.grid_world import MOVES, WALLS
@@ -79,6 +79,12 @@ class SimulatorNode(Node):
             self._timer.reset()
 
     def _tick(self) -> None:
+        try:
+            self._go_on()
+        except WorldError as error:
+            raise SystemExit(f'simulator: {error}') from error
+
+    def _go_on(self) -> None:
         self._has_begun = self._has_begun or self._may_begin()
         if not self._has_begun:
             return

@@ -1,3 +1,4 @@
+import os
 import signal
 from pathlib import Path
 
@@ -220,4 +221,25 @@ def test_an_unknown_environment_ends_it_with_a_sentence(start, env):
     node = start('simulator_node', env=env)
     assert node.process.wait(20) == 2
     assert f"env is '{env}'; expected an environment such as Pendulum-v1" in node.output
+    assert 'Traceback' not in node.output
+
+
+@pytest.mark.parametrize('method', ['reset', 'step'])
+def test_an_environment_that_fails_ends_it_with_a_sentence(start, tmp_path, monkeypatch, method):
+    pytest.importorskip('gymnasium', reason='gymnasium is not here')
+    (tmp_path / 'broken.py').write_text(f"""
+from gymnasium import register
+from gymnasium.envs.classic_control import PendulumEnv
+
+class Broken(PendulumEnv):
+    def {method}(self, *action, **options):
+        raise OSError('the motor is gone')
+
+register('Broken-v0', Broken)
+""")
+    monkeypatch.setenv('PYTHONPATH', str(tmp_path), prepend=os.pathsep)
+    node = start('simulator_node', env='broken:Broken-v0', wait_for_subscribers=False)
+    assert node.process.wait(20) == 1
+    said = f"the {method} of the environment 'broken:Broken-v0' failed: OSError: the motor is gone"
+    assert f'simulator: {said} ({tmp_path / "broken.py"}, line 7)\n' in node.output
     assert 'Traceback' not in node.output
