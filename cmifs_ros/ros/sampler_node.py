@@ -10,6 +10,7 @@ from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
+from rosgraph_msgs.msg import Clock as ClockTime
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 
@@ -53,6 +54,11 @@ class SamplerNode(Node):
         self._subscriptions_by_topic: dict[str, FollowingSubscription] = {}
         self._problems = dict.fromkeys(self._robot.topics, 'nobody publishes it')
         self._refused: set[str] = set()
+        self._simulated: int | None = None
+        if self.get_parameter('use_sim_time').value:
+            # rclpy's own clock has the newest time alone: to who is behind, all that waits would
+            # seem to come at once. Here it waits in its turn, and is read as that of a bag.
+            FollowingSubscription(self, ClockTime, '/clock', self._on_clock)
         # Steady time: a simulated clock that stands still must not stop them.
         clock = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(0.2, self._discover, clock=clock)
@@ -95,12 +101,16 @@ class SamplerNode(Node):
             return
         del self._problems[topic]
 
+    def _on_clock(self, message: ClockTime) -> None:
+        self._simulated = conversions.stamp_to_nanoseconds(message.clock)
+
     def _take(self, topic: str, message) -> None:
         self._status.heard(topic)
         try:
             # When it was sent is not known: the EventsExecutor of rclpy 7.1.6 fails on callbacks
             # that ask for the message's info.
-            steps = self._sampler.add(topic, message, self.get_clock().now().nanoseconds)
+            received = self._simulated or self.get_clock().now().nanoseconds
+            steps = self._sampler.add(topic, message, received)
         except Exception as error:  # A message of whatever type must not end the node.
             self._sampler.note_wrong(topic, f'{type(error).__name__}: {error}')
             return

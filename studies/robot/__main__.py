@@ -12,7 +12,7 @@ import os
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from itertools import zip_longest
 from pathlib import Path
@@ -155,11 +155,12 @@ def run(options: argparse.Namespace) -> None:
         )
         from_bag = json.loads((folder / 'selection.json').read_text())
     pairs = list(zip_longest(one.episodes, other.episodes))
-    differing = {i: what for i, pair in enumerate(pairs) if (what := _difference(*pair))}
+    names = one.channel_names
+    differing = {i: what for i, pair in enumerate(pairs) if (what := _difference(*pair, names))}
     if differing:
         raise StudyError(
-            f'live and from the bag, episodes differ, by number: {differing}; a message without a '
-            'stamp may have come a step later, where the machine is slow: --speed can be less'
+            f'live and from the bag, episodes differ, by number: {differing}; a best-effort '
+            'message may have reached only one, where the machine is slow: --speed can be less'
         )
     print(f'the same {len(one.episodes)} episodes live and from the bag, byte for byte')
     numbers = ('scores', 'pvalues', 'null_scores')
@@ -179,14 +180,14 @@ def run(options: argparse.Namespace) -> None:
     )
 
 
-def _difference(one: Episode | None, other: Episode | None) -> str:
+def _difference(one: Episode | None, other: Episode | None, names: Sequence[str]) -> str:
     """Return in words what differs, nothing if they are the same byte for byte."""
     if one is None or other is None:
         return 'only one has it'
     if len(one) != len(other):
         return f'{len(one)} and {len(other)} steps'
     if one.states.tobytes() != other.states.tobytes():
-        return f'channels {np.flatnonzero(np.any(one.states != other.states, axis=0)).tolist()}'
+        return ', '.join(np.array(names)[np.any(one.states != other.states, axis=0)])
     return '' if one.rewards.tobytes() == other.rewards.tobytes() else 'rewards'
 
 

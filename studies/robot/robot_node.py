@@ -17,8 +17,9 @@ from .drive import BETWEEN, STEP, TICK, TOPICS, Sensors
 
 #: The robot's time begins here, in ticks: a stamp of 0 is none.
 _FIRST_TICK = 100_000
-#: Subscriptions of each topic that are waited for: the sampler's and the recorder's.
-_LISTENERS = 2
+#: Subscriptions of each topic that are waited for: the sampler's and the recorder's; of the clock
+#: another one of the sampler, and the selector's.
+_LISTENERS = dict.fromkeys(TOPICS, 2) | {'/clock': 4}
 #: Ticks without a goal after the last, for the messages still on their way.
 _LAST_TICKS = 100
 
@@ -33,7 +34,7 @@ def main() -> None:
     node = rclpy.create_node('robot')
     publishers = {t: node.create_publisher(kind, t, qos) for t, (kind, qos) in TOPICS.items()}
     while not stopping and any(
-        publisher.get_subscription_count() < _LISTENERS for publisher in publishers.values()
+        publishers[topic].get_subscription_count() < count for topic, count in _LISTENERS.items()
     ):
         time.sleep(0.1)
     sensors, tick, last = Sensors(seed), _FIRST_TICK, None

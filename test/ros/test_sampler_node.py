@@ -11,6 +11,8 @@ import pytest
 from action_msgs.msg import GoalStatus, GoalStatusArray
 from nav_msgs.msg import Odometry
 from rclpy.qos import QoSProfile, ReliabilityPolicy, qos_profile_action_status_default
+from rclpy.time import Time
+from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState, LaserScan
 from std_msgs.msg import Bool, Float32, Float64, String
 
@@ -218,3 +220,29 @@ def test_the_last_steps_come_when_the_robot_falls_silent(start, robot, tmp_path)
     last = next(sent) - 1
     robot.until(lambda: rewards[-1] == last)
     assert rewards == list(range(int(rewards[0]), last + 1))
+
+
+def test_who_is_behind_with_receiving_takes_the_simulated_time_at_which_each_came(
+    start, robot, tmp_path
+):
+    path = tmp_path / 'robot.yaml'
+    path.write_text('step: {rate: 10.0}\nchannels: {radio: /radio.data}\nreward: radio\n')
+    node, states = robot.node, []
+    clock = node.create_publisher(Clock, '/clock', 1000)
+    radio = node.create_publisher(Float32, '/radio', 1000)
+    node.create_subscription(JointState, 'state', states.append, 1000)
+    sampler = start('sampler_node', robot_file=path, use_sim_time=True)
+    robot.until(
+        lambda: clock.get_subscription_count() and radio.get_subscription_count()
+        and node.count_publishers('state') and 'sampler: steps' in robot.diagnostics
+    )  # fmt: skip
+    # Whatever has no header is at the time of the clock: a number between any two steps.
+    sampler.process.send_signal(signal.SIGSTOP)
+    for step in range(60):
+        clock.publish(Clock(clock=Time(nanoseconds=step * 10**8 + 5 * 10**7).to_msg()))
+        radio.publish(Float32(data=float(step)))
+    sampler.process.send_signal(signal.SIGCONT)
+    robot.until(lambda: len(states) >= 30)
+    for message in states:
+        time = conversions.stamp_to_nanoseconds(message.header.stamp)
+        assert message.position[0] == time // 10**8 - 1
