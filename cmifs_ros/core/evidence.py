@@ -99,15 +99,15 @@ class ConditionalTest:
     def _explained_by(self, given):
         """Return the regression on the given channels and the step, and what it leaves.
 
-        The remainders are the residual and its temporal differences, each as the fit left it and
-        as large as the errors.
+        The remainders are the residual and its temporal differences, each after a fit to all
+        episodes and of each episode after a fit to the others, which shows all of the errors.
         """
         if self._given[0] != given:
             points = np.column_stack([self._states[:, given], self._step])
             regression = KernelRidge(points, self._centers, self._folds)
             choice = regression.tuned(self._returns[:, None])[0]
             left = regression.residual(self._returns[:, None], choice)[:, 0]
-            errors = regression.unshrunk(left, choice, self._episodes)
+            errors = regression.left_out(left, choice, self._episodes)
             changes = self._differences(left), self._differences(errors)
             self._given = given, (points, regression, choice, [(left, errors), changes])
         return self._given[1]

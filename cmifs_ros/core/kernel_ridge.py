@@ -7,8 +7,6 @@ import numpy as np
 #: Kernel widths, in standard deviations of a channel times the root of their number.
 _WIDTHS = (0.3, 0.6, 1.2, 2.4, 5.0)
 _PENALTIES = np.logspace(-5, 1, 13)
-#: Of errors that a fit hides nearly all of, no more than this share is believed to be seen.
-_LEAST_SEEN = 0.05
 
 
 class KernelRidge:
@@ -73,24 +71,24 @@ class KernelRidge:
         weights = vectors @ (projected / _shrinkage(values, _PENALTIES[[penalty]]))
         return targets - features @ weights
 
-    def unshrunk(
+    def left_out(
         self, residual: np.ndarray, choice: tuple[int, int], episodes: list[np.ndarray]
     ) -> np.ndarray:
-        """Return a residual (N,) as large as the errors, of which a fit hides a part.
+        """Return the residual (N,) that each episode has after a fit to all the others.
 
-        CR2 of Bell & McCaffrey, Bias reduction in standard errors for linear regression with
-        multi-stage samples, 2002; `episodes` are the rows of each.
+        That of a fit to all hides a part of the errors. This is the jackknife's, CR3 of Bell &
+        McCaffrey, Bias reduction in standard errors for linear regression with multi-stage
+        samples, 2002; `episodes` are the rows of each.
         """
         w, penalty = choice
         values, vectors = self._spectra[w][-1]
         scale = np.sqrt(len(residual) * _shrinkage(values, _PENALTIES[[penalty]])[:, 0])
         root = self._features[w] @ (vectors / scale)  # the hat matrix is root root'
-        residual = residual.copy()
+        left = np.empty_like(residual)
         for rows in episodes:
-            axes, leverage, _ = np.linalg.svd(root[rows], full_matrices=False)
-            hidden = 1 / np.sqrt(np.maximum(1 - leverage**2, _LEAST_SEEN)) - 1
-            residual[rows] += axes @ (hidden * (axes.T @ residual[rows]))
-        return residual
+            kept = np.eye(len(rows)) - root[rows] @ root[rows].T
+            left[rows] = np.linalg.solve(kept, residual[rows])
+        return left
 
 
 def squared_distances(points: np.ndarray, centers: np.ndarray) -> np.ndarray:

@@ -15,6 +15,8 @@ from .search import Criterion, Sensor
 _MAX_TESTS = 30
 #: Channels of which all pairs are tried where no single one has evidence.
 _MAX_PAIRED = 24
+#: p-value, for no choice corrected, from which on nothing speaks for a sensor.
+_LEAST_LIKELY = 0.2
 #: A sensor of so many channels may enter whole; of a larger one, one channel speaks.
 _MAX_WHOLE = 3
 
@@ -91,26 +93,36 @@ class StepwiseSelection:
         return self._scored(self._without_superfluous(chosen, num_candidates=self._num_units))
 
     def ranked(self, chosen: Sequence[Finding], count: int) -> list[Finding]:
-        """Return at most `count` of the other sensors by score, each tested given those before."""
+        """Return at most `count` of the other sensors, each tested given those before."""
         taken = list(chosen)
         while len(taken) < len(chosen) + count and (proposals := self._proposals(taken)):
-            taken.append(self._tested(proposals[0], taken))
+            taken.append(self._tested(self._likely(proposals, taken) or proposals[0], taken))
         return taken[len(chosen) :]
 
     def listed(self, chosen: Sequence[Finding]) -> list[Finding]:
         """Return all other sensors, each scored and tested with the chosen ones.
 
-        First come those that forward selection would add while the score rises, then the others
-        by their scores beside all of these.
+        First come those that forward selection would add while one of them is likely to tell
+        something or the score rises, then the others by their scores beside all of these.
         """
         proposals = self._proposals(chosen)
         added, score = list(chosen), chosen[-1].score if chosen else 0.0
-        while (rest := self._proposals(added)) and rest[0].score > score:
-            score = rest[0].score
-            added.append(rest[0])
+        while rest := self._proposals(added):
+            best = self._likely(rest, added)
+            if best is None and rest[0].score <= score:
+                break
+            best = best or rest[0]
+            score = best.score
+            added.append(best)
         place = {finding.sensor: i for i, finding in enumerate([*added, *rest])}
         found = [self._tested(proposal, chosen) for proposal in proposals]
         return sorted(found, key=lambda finding: place[finding.sensor])
+
+    def _likely(self, proposals: Sequence[Finding], taken: Sequence[Finding]) -> Finding | None:
+        """Return the best scored that is likely to tell something beside those taken, if any."""
+        given = self._given(taken)
+        likely = (f for f in proposals if self._test(f.channels, given) <= _LEAST_LIKELY)
+        return next(likely, None)
 
     def _units(self, sensor: int) -> list[Sensor]:
         channels = self._sensors[sensor]

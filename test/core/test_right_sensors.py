@@ -68,7 +68,8 @@ def test_a_wanted_number_is_met_with_the_best_so_far():
     assert len(selected(selector)) == 4
     assert 'dead' not in selected(selector)
     assert selector.statuses_[:2] == ['confirmed', 'confirmed']
-    assert set(selector.statuses_[2:]) <= {'tentative', 'rejected'}
+    confirmed = [status == 'confirmed' for status in selector.statuses_]
+    assert confirmed == [p <= 0.05 for p in selector.pvalues_]
 
 
 def test_scores_of_what_tells_nothing_lie_below_those_of_what_is_confirmed():
