@@ -1,4 +1,4 @@
-"""The selector of the project: the score proposes a sensor, and evidence disposes."""
+"""The selector of the project: of the sensors that have evidence, the one with the best score."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ WIDTHS = tuple(np.logspace(-1, 1.5, 6))
 _MAX_SAMPLES = 1000
 #: How much greater the score must be for steps to be pooled that could be told apart.
 _POOLING_FACTOR, _POOLING_MARGIN = 1.5, 0.1
-#: Sensors added for comparing time bins.
-_NUM_TRIED = 2
+#: Time bins are compared by the scores of so many sensors, of the channels likeliest to tell.
+_NUM_TRIED, _MAX_COMPARED = 2, 10
 #: p-value at which the return is taken to change with the age of the episode.
 _DRIFT_LEVEL = 0.01
 
@@ -34,8 +34,8 @@ _DRIFT_LEVEL = 0.01
 class ConditionalMISelector(SensorSelector):
     """Select the sensors that the return depends on, also through several time steps.
 
-    The score proposes the next sensor, and a test disposes: does it tell something about the return
-    that those selected before it do not? In the end each is tested given all the others.
+    A test says which sensors tell something about the return that those selected before do not, and
+    of these the one with the best score is next. In the end each is tested given all the others.
     Its further attributes are those of `SensorSelector`.
 
     Parameters
@@ -78,7 +78,7 @@ class ConditionalMISelector(SensorSelector):
         'confirmed', 'tentative' or 'rejected', for each sensor of the ranking.
     null_scores_ : numpy.ndarray, shape (len(ranking_), 3)
         5 %, median and 95 % of the scores that sensors which tell nothing have at the same place:
-        ten, each with its trajectories exchanged between the episodes.
+        a normal law fitted to six, each with its trajectories exchanged between the episodes.
     spoke_by_ : list of tuple of int
         The channels that spoke for each sensor: all of it, or the best of many.
     num_duplicates_ : int
@@ -213,9 +213,11 @@ class ConditionalMISelector(SensorSelector):
         """Return the findings, the scores of what tells nothing, and how many are selected."""
         samples = samples.with_channels(standardized(samples.owner[:, None].astype(float)))
         age = samples.states.shape[1] - 1
-        bins, criterion = self._choose_bins(samples, living)
         test = ConditionalTest(samples, self.gamma, self.random_state)
-        background = [age] if test((age,), ()) <= _DRIFT_LEVEL else []
+        background = [age] if test([(age,)], [])[0] <= _DRIFT_LEVEL else []
+        units = [(channel,) for sensor in living for channel in sensor]
+        likely = np.argsort(test(units, background), kind='stable')[:_MAX_COMPARED]
+        bins, criterion = self._choose_bins(samples, [units[i] for i in likely])
         search = StepwiseSelection(
             criterion,
             test,
@@ -260,11 +262,10 @@ class ConditionalMISelector(SensorSelector):
         ranking, scores = backward_elimination(criterion, sensors)
         return ranking[: int(np.argmax(scores)) + 1]
 
-    def _choose_bins(self, samples, sensors):
+    def _choose_bins(self, samples, units):
         """Return the number of time bins by which the score is greater, and the criterion."""
         if self.max_time_bins != 'auto':
             return self.max_time_bins, self._criterion(samples, self.max_time_bins)
-        units = [(channel,) for sensor in sensors for channel in sensor]
         tried = min(_NUM_TRIED, len(units))
         criteria = {bins: self._criterion(samples, bins) for bins in (1, 32)}
         best = {

@@ -16,7 +16,6 @@ all that comes after it.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import product
 
 import numpy as np
 from scipy import special
@@ -32,7 +31,7 @@ _NUM_CENTERS, _NUM_FUNCTIONS = 50, 60
 #: How far these functions are whitened: from only the strongest to all.
 _WHITENINGS = (1e-1, 1e-2, 1e-3)
 _NUM_SIGNS = 2000
-#: Share of its variance that a sensor must have for itself.
+#: Share of its variance that a channel must have for itself.
 _LEAST_OWN_SHARE = 1e-3
 
 
@@ -56,7 +55,8 @@ class ConditionalTest:
         self._returns = standardized(samples.returns[rows])
         self._states = standardized(samples.states[rows])
         owner = samples.owner[rows]
-        self._episodes = np.split(np.arange(len(rows)), np.flatnonzero(np.diff(owner)) + 1)
+        self._starts = np.flatnonzero(np.diff(owner, prepend=-1))
+        self._episodes = np.split(np.arange(len(rows)), self._starts[1:])
         self._discount = gamma**stride
         self._step = standardized(samples.step[rows].astype(float))
         num_episodes = samples.owner[-1] + 1
@@ -66,51 +66,44 @@ class ConditionalTest:
         self._centers, self._functions = centers[:_NUM_CENTERS], centers[:_NUM_FUNCTIONS]
         self._signs = rng.choice([-1.0, 1.0], size=(_NUM_SIGNS, len(self._episodes)))
         self._known: dict[tuple, float] = {}
-        self._given: tuple = (None,)
 
-    def __call__(self, channels: Sequence[int], given: Sequence[int]) -> float:
-        """Return the p-value of channels given others; nothing is corrected for choices."""
-        key = tuple(channels), frozenset(given)
-        if key not in self._known:
-            self._known[key] = self._test(list(channels), sorted(given))
-        return self._known[key]
+    def __call__(self, candidates: Sequence[Sequence[int]], given: Sequence[int]) -> np.ndarray:
+        """Return the p-value of each candidate, some channels, given others: shape (C,).
 
-    def _test(self, channels, given) -> float:
-        points, regression, choice, remainders = self._explained_by(given)
-        sensor = self._states[:, channels]
-        own = np.column_stack(
-            [
-                regression.residual(column[:, None], fit)
-                for column, fit in zip(sensor.T, regression.tuned(sensor), strict=True)
-            ]
-        )
-        own = own[:, np.var(own, axis=0) > _LEAST_OWN_SHARE * np.var(sensor, axis=0)]
-        if not own.shape[1]:
-            return 1.0
-        functions = self._functions_of(own / own.std(axis=0), points)
-        functions = regression.residual(functions, choice)
-        variances, axes = np.linalg.eigh(functions.T @ functions / len(functions))
-        functions = functions @ axes
-        products = [
-            (functions.T @ left, self._sums(functions, errors)) for left, errors in remainders
-        ]
-        return self._pvalue(products, variances)
-
-    def _explained_by(self, given):
-        """Return the regression on the given channels and the step, and what it leaves.
-
-        The remainders are the residual and its temporal differences, each after a fit to all
-        episodes and of each episode after a fit to the others, which shows all of the errors.
+        Nothing is corrected for the number of candidates. Each is computed once.
         """
-        if self._given[0] != given:
-            points = np.column_stack([self._states[:, given], self._step])
-            regression = KernelRidge(points, self._centers, self._folds)
-            choice = regression.tuned(self._returns[:, None])[0]
-            left = regression.residual(self._returns[:, None], choice)[:, 0]
-            errors = regression.left_out(left, choice, self._episodes)
-            changes = self._differences(left), self._differences(errors)
-            self._given = given, (points, regression, choice, [(left, errors), changes])
-        return self._given[1]
+        keys = [(tuple(channels), frozenset(given)) for channels in candidates]
+        new = [key for key in dict.fromkeys(keys) if key not in self._known]
+        if new:
+            pvalues = self._test([list(channels) for channels, _ in new], sorted(given))
+            self._known.update(zip(new, pvalues, strict=True))
+        return np.array([self._known[key] for key in keys])
+
+    def _test(self, candidates, given):
+        points = np.column_stack([self._states[:, given], self._step])
+        regression = KernelRidge(points, self._centers, self._folds)
+        choice = regression.tuned(self._returns[:, None])[0]
+        left = regression.residual(self._returns[:, None], choice)[:, 0]
+        errors = regression.left_out(left, choice, self._episodes)
+        # Each after a fit to all episodes, and after a fit to the others, which shows all errors.
+        remainders = [(left, errors), (self._differences(left), self._differences(errors))]
+        of_given = self._gaussians(points)
+        channels = list(dict.fromkeys(c for candidate in candidates for c in candidate))
+        fits = dict(zip(channels, regression.tuned(self._states[:, channels]), strict=True))
+        pvalues = []
+        for candidate in candidates:
+            own = [
+                regression.residual(self._states[:, [channel]], fits[channel])[:, 0]
+                for channel in candidate
+            ]
+            own = [o / o.std() for o in own if o.var() > _LEAST_OWN_SHARE]
+            if own:
+                functions = self._functions_of(np.column_stack(own), of_given)
+                functions = regression.residual(functions, choice)
+                pvalues.append(self._pvalue(functions, remainders))
+            else:
+                pvalues.append(1.0)
+        return pvalues
 
     def _differences(self, residual):
         """Return residuals less the discounted ones of the next row: the Bellman residuals."""
@@ -119,38 +112,40 @@ class ConditionalTest:
             differences[rows[:-1]] -= self._discount * residual[rows[1:]]
         return differences
 
-    def _functions_of(self, own, points):
+    def _gaussians(self, points):
+        distances = squared_distances(points, points[self._functions])
+        return np.exp(distances / (-2 * points.shape[1]))
+
+    def _functions_of(self, own, of_given):
         """Return functions of what the sensor has for itself and of what is given: (N, k)."""
-        of_sensor, of_given = (
-            np.exp(squared_distances(p, p[self._functions]) / (-2 * p.shape[1]))
-            for p in (own, points)
-        )
+        of_sensor = self._gaussians(own)
         of_sensor -= of_sensor.mean(axis=0)  # no function of the given channels alone
         return np.hstack([of_sensor * of_given, own])
 
-    def _sums(self, functions, errors):
-        """Return the sum of the products in each episode: shape (M, k)."""
-        return np.stack([functions[rows].T @ errors[rows] for rows in self._episodes])
-
-    def _pvalue(self, products: list[tuple[np.ndarray, np.ndarray]], variances) -> float:
-        """Return the probability that signs alone bring about totals that large.
+    def _pvalue(self, functions: np.ndarray, remainders) -> float:
+        """Return the probability that signs alone bring about products that large.
 
         The greatest of several statistics, each divided by its deviation, is compared with a law
         of three moments (Winkler et al., Faster permutation inference in brain imaging, 2016).
         """
+        variances, axes = np.linalg.eigh(functions.T @ functions / len(functions))
         variances = np.maximum(variances, 0)
         greatest, null = -np.inf, np.full(len(self._signs), -np.inf)
-        for (total, sums), share in product(products, _WHITENINGS):
-            weights = 1 / np.sqrt(variances + share * variances.max())
-            each = sums * weights
-            expected = (each**2).sum()
-            deviation = 2 * (((each.T @ each) ** 2).sum() - ((each**2).sum(axis=1) ** 2).sum())
-            if deviation <= (1e-12 * expected) ** 2:
-                continue
-            deviation = np.sqrt(deviation)
-            greatest = max(greatest, (((total * weights) ** 2).sum() - expected) / deviation)
-            drawn = ((self._signs @ each) ** 2).sum(axis=1)
-            null = np.maximum(null, (drawn - expected) / deviation)
+        for left, errors in remainders:
+            total = (left @ functions @ axes) ** 2
+            sums = np.add.reduceat(functions * errors[:, None], self._starts) @ axes
+            squares, products = sums**2, (sums.T @ sums) ** 2
+            drawn = (self._signs @ sums) ** 2
+            for share in _WHITENINGS:
+                weights = 1 / (variances + share * variances.max())
+                each = squares @ weights
+                expected = each.sum()
+                deviation = 2 * (weights @ products @ weights - each @ each)
+                if deviation <= (1e-12 * expected) ** 2:
+                    continue
+                deviation = np.sqrt(deviation)
+                greatest = max(greatest, (total @ weights - expected) / deviation)
+                null = np.maximum(null, (drawn @ weights - expected) / deviation)
         mean, spread = (null.mean(), null.std()) if np.isfinite(greatest) else (0.0, 0.0)
         if spread == 0:
             return 1.0

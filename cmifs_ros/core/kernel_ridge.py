@@ -38,35 +38,37 @@ class KernelRidge:
         self._spectra = [self._decompose(features) for features in self._features]
 
     def _decompose(self, features):
-        """Return the eigenvalues and vectors of the Gram matrices without each fold, and of all."""
+        """Return the Gram matrix of each fold, and eigenvalues and vectors of all without it."""
         grams = [features[fold].T @ features[fold] for fold in self._folds]
         total = sum(grams)
         sizes = [len(features) - len(fold) for fold in self._folds]
         left = [(total - gram) / size for gram, size in zip(grams, sizes, strict=True)]
-        return [np.linalg.eigh(gram) for gram in (*left, total / len(features))]
+        return grams, [np.linalg.eigh(gram) for gram in (*left, total / len(features))]
 
     def tuned(self, targets: np.ndarray) -> list[tuple[int, int]]:
         """Return the best width and penalty, as indices, for each of the targets (N, k)."""
-        num_targets = targets.shape[1]
-        errors = np.zeros((len(_WIDTHS), len(_PENALTIES), num_targets))
-        for w, (features, spectra) in enumerate(zip(self._features, self._spectra, strict=True)):
+        errors = np.zeros((len(_WIDTHS), len(_PENALTIES), targets.shape[1]))
+        for w, (features, (grams, spectra)) in enumerate(
+            zip(self._features, self._spectra, strict=True)
+        ):
             moments = [features[fold].T @ targets[fold] for fold in self._folds]
             total = sum(moments)
-            for fold, moment, (values, vectors) in zip(
-                self._folds, moments, spectra[:-1], strict=True
+            for fold, moment, gram, (values, vectors) in zip(
+                self._folds, moments, grams, spectra[:-1], strict=True
             ):
                 projected = vectors.T @ ((total - moment) / (len(features) - len(fold)))
                 shrunk = projected[:, None] / _shrinkage(values, _PENALTIES)[:, :, None]
-                predicted = (features[fold] @ vectors) @ shrunk.reshape(len(values), -1)
-                difference = targets[fold][:, None] - predicted.reshape(len(fold), -1, num_targets)
-                errors[w] += np.einsum('nlk,nlk->lk', difference, difference)
-        best = errors.reshape(-1, num_targets).argmin(axis=0)
+                weights = np.tensordot(vectors, shrunk, axes=1)
+                # The square of what is left, less that of the target.
+                change = np.tensordot(gram, weights, axes=1) - 2 * moment[:, None]
+                errors[w] += (change * weights).sum(axis=0)
+        best = errors.reshape(-1, targets.shape[1]).argmin(axis=0)
         return [divmod(int(i), len(_PENALTIES)) for i in best]
 
     def residual(self, targets: np.ndarray, choice: tuple[int, int]) -> np.ndarray:
         """Return what is left of targets (N, k) after a fit to all points."""
         w, penalty = choice
-        features, (values, vectors) = self._features[w], self._spectra[w][-1]
+        features, (values, vectors) = self._features[w], self._spectra[w][1][-1]
         projected = vectors.T @ (features.T @ targets) / len(features)
         weights = vectors @ (projected / _shrinkage(values, _PENALTIES[[penalty]]))
         return targets - features @ weights
@@ -81,7 +83,7 @@ class KernelRidge:
         samples, 2002; `episodes` are the rows of each.
         """
         w, penalty = choice
-        values, vectors = self._spectra[w][-1]
+        values, vectors = self._spectra[w][1][-1]
         scale = np.sqrt(len(residual) * _shrinkage(values, _PENALTIES[[penalty]])[:, 0])
         root = self._features[w] @ (vectors / scale)  # the hat matrix is root root'
         left = np.empty_like(residual)

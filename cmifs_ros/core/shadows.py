@@ -13,7 +13,9 @@ from .samples import Samples
 from .search import Criterion
 
 #: Shadows for each place of the ranking.
-_NUM_SHADOWS = 10
+_NUM_SHADOWS = 6
+#: 5 %, median and 95 % of a normal law, in standard deviations.
+_BAND = np.array([-1.645, 0.0, 1.645])
 
 
 def exchange(trajectories: Sequence[np.ndarray], rng: np.random.Generator) -> list[np.ndarray]:
@@ -64,7 +66,7 @@ def null_scores(
     Returns
     -------
     numpy.ndarray, shape (len(places), 3)
-        5 %, median and 95 % at each place.
+        5 %, median and 95 % at each place, of a normal law with mean and deviation of the shadows.
 
     """
     starts = np.flatnonzero(np.diff(samples.owner)) + 1
@@ -80,4 +82,5 @@ def null_scores(
         given: criterion([[*given, first + i] for i in range(_NUM_SHADOWS)])
         for given in dict.fromkeys(map(tuple, places))
     }
-    return np.array([np.quantile(scores[tuple(given)], [0.05, 0.5, 0.95]) for given in places])
+    bands = {given: of.mean() + of.std(ddof=1) * _BAND for given, of in scores.items()}
+    return np.array([bands[tuple(given)] for given in places])

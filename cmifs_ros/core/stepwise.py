@@ -1,18 +1,16 @@
-"""Stepwise selection: the score proposes a sensor, the evidence disposes."""
+"""Stepwise selection: of the sensors that have evidence, the one with the best score."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
 
-from .evidence import ConditionalTest
 from .search import Criterion, Sensor
 
-#: Of those with the best scores, so many are tested before a round ends without finding any.
-_MAX_TESTS = 30
+#: Of those without evidence, so many are listed one after the other.
+_MAX_LISTED = 8
 #: Channels of which all pairs are tried where no single one has evidence.
 _MAX_PAIRED = 24
 #: p-value, for no choice corrected, from which on nothing speaks for a sensor.
@@ -40,7 +38,8 @@ class StepwiseSelection:
     ----------
     criterion : callable
         Scores channel subsets.
-    test : ConditionalTest
+    test : callable
+        Gives the p-value of each of several candidates given channels, as `ConditionalTest`.
     sensors : sequence of tuple of int
         The channels of each sensor, without those that never change; may be empty.
     significance : float
@@ -55,7 +54,7 @@ class StepwiseSelection:
     def __init__(
         self,
         criterion: Criterion,
-        test: ConditionalTest,
+        test: Callable[[Sequence[Sensor], Sequence[int]], np.ndarray],
         sensors: Sequence[Sensor],
         *,
         significance: float,
@@ -75,7 +74,7 @@ class StepwiseSelection:
 
         The search begins with those of `start` that have evidence given each other.
         """
-        known = [f._replace(pvalue=0.0) for f in self._proposals([]) if f.sensor in start]
+        known = [f._replace(pvalue=0.0) for f in self._candidates(start, [])]
         chosen = self._without_superfluous(known, num_candidates=self._num_units)
         while len(chosen) < len(self._sensors):
             found = self._next(chosen)
@@ -95,34 +94,26 @@ class StepwiseSelection:
     def ranked(self, chosen: Sequence[Finding], count: int) -> list[Finding]:
         """Return at most `count` of the other sensors, each tested given those before."""
         taken = list(chosen)
-        while len(taken) < len(chosen) + count and (proposals := self._proposals(taken)):
-            taken.append(self._tested(self._likely(proposals, taken) or proposals[0], taken))
+        while len(taken) < len(chosen) + count and (left := self._left(taken)):
+            likely = self._candidates(left, taken, _LEAST_LIKELY)
+            taken.append((likely or self._candidates(left, taken))[0])
         return taken[len(chosen) :]
 
     def listed(self, chosen: Sequence[Finding]) -> list[Finding]:
         """Return all other sensors, each scored and tested with the chosen ones.
 
-        First come those that forward selection would add while one of them is likely to tell
-        something or the score rises, then the others by their scores beside all of these.
+        First come those that are likely to tell something beside these and each other, then the
+        rest by their scores.
         """
-        proposals = self._proposals(chosen)
-        added, score = list(chosen), chosen[-1].score if chosen else 0.0
-        while rest := self._proposals(added):
-            best = self._likely(rest, added)
-            if best is None and rest[0].score <= score:
+        added = list(chosen)
+        while len(added) < len(chosen) + _MAX_LISTED:
+            likely = self._candidates(self._left(added), added, _LEAST_LIKELY)
+            if not likely:
                 break
-            best = best or rest[0]
-            score = best.score
-            added.append(best)
-        place = {finding.sensor: i for i, finding in enumerate([*added, *rest])}
-        found = [self._tested(proposal, chosen) for proposal in proposals]
-        return sorted(found, key=lambda finding: place[finding.sensor])
-
-    def _likely(self, proposals: Sequence[Finding], taken: Sequence[Finding]) -> Finding | None:
-        """Return the best scored that is likely to tell something beside those taken, if any."""
-        given = self._given(taken)
-        likely = (f for f in proposals if self._test(f.channels, given) <= _LEAST_LIKELY)
-        return next(likely, None)
+            added.append(likely[0])
+        place = {finding.sensor: i for i, finding in enumerate(added)}
+        others = self._candidates(self._left(chosen), chosen)
+        return sorted(others, key=lambda finding: place.get(finding.sensor, len(place)))
 
     def _units(self, sensor: int) -> list[Sensor]:
         channels = self._sensors[sensor]
@@ -132,38 +123,53 @@ class StepwiseSelection:
     def _given(self, taken: Sequence[Finding]) -> list[int]:
         return [*self._background, *(channel for f in taken for channel in f.channels)]
 
-    def _proposals(self, taken: Sequence[Finding]) -> list[Finding]:
-        """Return the best unit of each sensor that is left, best score first."""
-        given, used = self._given(taken), {finding.sensor for finding in taken}
-        left = [i for i in range(len(self._sensors)) if i not in used]
-        units = [(i, unit) for i in left for unit in self._units(i)]
-        if not units:
-            return []
-        scores = self._criterion([[*given, *unit] for _, unit in units])
+    def _left(self, taken: Sequence[Finding]) -> list[int]:
+        used = {finding.sensor for finding in taken}
+        return [i for i in range(len(self._sensors)) if i not in used]
+
+    def _num_left(self, taken: Sequence[Finding]) -> int:
+        return self._num_units - sum(len(self._units(f.sensor)) for f in taken)
+
+    def _candidates(
+        self, sensors: Sequence[int], taken: Sequence[Finding], level: float = 1.0
+    ) -> list[Finding]:
+        """Return the best unit of each sensor, best score first.
+
+        Only of those whose p-value, not yet corrected, is at most `level`: a score costs more.
+        """
+        given = self._given(taken)
+        units = [(i, unit) for i in sensors for unit in self._units(i)]
+        pvalues = self._test([unit for _, unit in units], given)
+        units = [(i, unit, p) for (i, unit), p in zip(units, pvalues, strict=True) if p <= level]
+        scores = self._criterion([[*given, *unit] for _, unit, _ in units])
         best: dict[int, Finding] = {}
-        for (i, unit), score in zip(units, scores, strict=True):
+        for (i, unit, p), score in zip(units, scores, strict=True):
             if i not in best or score > best[i].score:
-                best[i] = Finding(i, unit, float(score))
+                best[i] = Finding(i, unit, float(score), min(1.0, p * self._num_left(taken)))
         return sorted(best.values(), key=lambda f: -f.score)
 
     def _next(self, chosen: list[Finding]) -> list[Finding]:
         """Return the best-scored sensor that has evidence given those chosen, or none."""
-        for proposal in self._proposals(chosen)[:_MAX_TESTS]:
-            found = self._tested(proposal, chosen)
-            if found.pvalue <= self._significance:
-                return [found]
-        return []
+        level = self._significance / self._num_left(chosen)
+        return self._candidates(self._left(chosen), chosen, level)[:1]
 
     def _pair(self) -> list[Finding]:
-        """Return the best of all pairs, if each of the two has evidence given the other."""
-        singles = self._proposals([])[:_MAX_PAIRED]
-        pairs = list(combinations(singles, 2))
-        if not pairs:
+        """Return two sensors that have evidence given each other, of all pairs."""
+        channels = [(i, (channel,)) for i, sensor in enumerate(self._sensors) for channel in sensor]
+        pvalues = self._test([unit for _, unit in channels], self._background)
+        best: dict[int, Finding] = {}
+        for k in np.argsort(pvalues, kind='stable'):
+            sensor, unit = channels[k]
+            best.setdefault(sensor, Finding(sensor, unit, 0.0))
+        singles = list(best.values())[:_MAX_PAIRED]
+        units = [single.channels for single in singles]
+        beside = np.array([self._test(units, self._given([single])) for single in singles])
+        weaker = np.maximum(beside, beside.T)
+        pair = np.unravel_index(weaker.argmin(), weaker.shape)
+        pvalue = float(weaker[pair]) * len(singles) * (len(singles) - 1)
+        if pvalue > self._significance:
             return []
-        scores = self._criterion([[*self._background, *a.channels, *b.channels] for a, b in pairs])
-        best = pairs[int(np.argmax(scores))]
-        found = [self._tested(one, [other], len(pairs)) for one, other in (best, best[::-1])]
-        return found if max(f.pvalue for f in found) <= self._significance else []
+        return [singles[i]._replace(pvalue=pvalue) for i in pair]
 
     def _without_superfluous(self, chosen: list[Finding], num_candidates: int = 1) -> list[Finding]:
         """Remove what has no evidence given the rest, the weakest first.
@@ -174,9 +180,10 @@ class StepwiseSelection:
         given_rest: list[float] = []
         while chosen:
             given_rest = [
-                self._tested(f, [g for g in chosen if g is not f], num_candidates).pvalue
+                float(self._test([f.channels], self._given([g for g in chosen if g is not f]))[0])
                 for f in chosen
             ]
+            given_rest = [min(1.0, p * num_candidates) for p in given_rest]
             weakest = int(np.argmax(given_rest))
             if given_rest[weakest] <= self._significance:
                 break
@@ -185,15 +192,6 @@ class StepwiseSelection:
             finding._replace(pvalue=max(pvalue, finding.pvalue))
             for finding, pvalue in zip(chosen, given_rest[: len(chosen)], strict=True)
         ]
-
-    def _tested(
-        self, finding: Finding, taken: Sequence[Finding], num_candidates: int | None = None
-    ) -> Finding:
-        """Return the finding with its p-value, corrected for the units that are left."""
-        if num_candidates is None:
-            num_candidates = self._num_units - sum(len(self._units(f.sensor)) for f in taken)
-        pvalue = self._test(finding.channels, self._given(taken)) * num_candidates
-        return finding._replace(pvalue=min(1.0, pvalue))
 
     def _scored(self, chosen: list[Finding]) -> list[Finding]:
         """Return the findings, each with the criterion of it and those before it."""
