@@ -42,9 +42,9 @@ def selected(selector):
 def test_what_is_selected_is_what_is_relevant(world):
     relevant = set(WORLDS[world].relevant)
     copies = {'copy': 'x'} if 'copy' in WORLDS[world].channel_names else {}
-    found = [[copies.get(n, n) for n in selected(fitted(world, 60, seed))] for seed in SEEDS]
+    found = [[copies.get(n, n) for n in selected(fitted(world, 60, seed))] for seed in range(6)]
     right = [sorted(names) == sorted(relevant) for names in found]
-    assert sum(right) >= 2, found
+    assert sum(right) >= 4, found
 
 
 @pytest.mark.parametrize('seed', [0, 1])
