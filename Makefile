@@ -9,6 +9,7 @@ GROWTH ?=
 ACCURACY ?=
 EVIDENCE ?=
 ORACLE ?=
+CHANGE ?=
 LEARNING ?=
 LOOP ?=
 SOAK ?=
@@ -39,7 +40,7 @@ ENTER := . $(VENV)/bin/activate && { [ ! -f install/setup.bash ] || . install/se
 # In the environment's own Python: a colcon outside of it would build for another one.
 COLCON := python -c 'import sys; from colcon_core.command import main; sys.exit(main())'
 
-.PHONY: help demo test test-installed test-oldest soak robot load paper benchmark growth accuracy evidence oracle learning loop lint \
+.PHONY: help demo test test-installed test-oldest soak robot load paper benchmark growth accuracy evidence change oracle learning loop lint \
 	build clean
 
 help:
@@ -54,6 +55,7 @@ help:
 	@echo "make growth [GROWTH='steps']       time and memory over episodes, steps, channels: growth/"
 	@echo "make accuracy [ACCURACY='--trials 6']  rank sums on many tasks from few episodes"
 	@echo "make evidence [EVIDENCE='--trials 6']  how often the right sensors are confirmed, and no others"
+	@echo "make change [CHANGE='--trials 6']  how soon it is right again after the task has changed"
 	@echo "make oracle [ORACLE='--trials 6']  the same for one who knows all but one of the channels"
 	@echo "make learning [LEARNING='--trials 4']  what a learner gains by the selection: learning/"
 	@echo "make loop [LOOP='--trials 1']      a learner beside the selector, and without: loop/"
@@ -96,6 +98,9 @@ accuracy: build
 
 evidence: build
 	@$(ENTER) && exec python -m studies.accuracy.evidence $(EVIDENCE)
+
+change: build
+	@$(ENTER) && exec python -m studies.accuracy.changing_task $(CHANGE)
 
 oracle: build
 	@$(ENTER) && exec python -m studies.accuracy.oracle $(ORACLE)

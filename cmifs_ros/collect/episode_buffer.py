@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections import OrderedDict
+from collections.abc import Iterable
 
 import numpy as np
 
@@ -106,6 +107,14 @@ class EpisodeBuffer:
         self._num_steps += len(episode)
         self._nbytes += episode.nbytes
         return True
+
+    def forget(self, episodes: Iterable[Episode]) -> None:
+        """Forget some episodes; those that are not held any more are no mistake."""
+        for episode in episodes:
+            held = self._episodes.pop(_digest(episode), None)
+            if held is not None:
+                self._num_steps -= len(held)
+                self._nbytes -= held.nbytes
 
     def clear(self) -> None:
         """Forget all episodes."""

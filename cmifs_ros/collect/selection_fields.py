@@ -29,6 +29,7 @@ def selection_of(fields: dict | None) -> Selection | None:
         episodes=count_of(fields['episodes']),
         steps=count_of(fields['steps']),
         seconds=float(fields['seconds']),
+        outdated=count_of(fields.get('outdated', 0)),
         means=tuple(float(mean) for mean in list_of(fields['means'])),
         spreads=tuple(float(spread) for spread in list_of(fields['spreads'])),
         statuses=tuple(_status(status) for status in list_of(fields.get('statuses', []))),

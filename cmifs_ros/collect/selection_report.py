@@ -37,6 +37,16 @@ def headline(selection: Selection) -> str:
     return f'selected {listed(selection.names)}'
 
 
+def change(selection: Selection) -> str:
+    """Return that the task has changed, or nothing."""
+    if not selection.outdated:
+        return ''
+    return (
+        f'the task has changed: the oldest {selection.outdated} episodes no longer fit the newest '
+        f'{selection.episodes} and are forgotten'
+    )
+
+
 def evidence(selection: Selection) -> str:
     """Return what the result rests on: sizes, scores or p-values, and what was rejected."""
     numbers = selection.pvalues or selection.scores

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .conditional_mi_selector import CONFIRMED, ConditionalMISelector
+from .changing_task import num_outdated
+from .conditional_mi_selector import CONFIRMED, REJECTED, ConditionalMISelector
 from .episode import Episode
 from .kdr_selector import KDRSelector
 
@@ -44,6 +45,8 @@ class Selection:
         Share of random halves of the episodes in which the sensor is selected; empty if not asked.
     episodes, steps : int
         Size of the data it rests on.
+    outdated : int
+        Of the oldest episodes, how many no longer fit the newest, and were left out.
     seconds : float
         Computing time.
     means, spreads : tuple of float
@@ -58,6 +61,7 @@ class Selection:
     episodes: int
     steps: int
     seconds: float
+    outdated: int = 0
     means: tuple[float, ...] = ()
     spreads: tuple[float, ...] = ()
     statuses: tuple[str, ...] = ()
@@ -81,6 +85,7 @@ def select(
     *,
     start: Collection[str] = (),
     num_halves: int = 0,
+    least_kept: int | None = None,
     progress: Callable[[float], None] = lambda fraction: None,
 ) -> Selection:
     """Fit the selector of a method, with the given settings, and return what it found.
@@ -97,14 +102,29 @@ def select(
         Sensors of an earlier selection.
     num_halves : int
         How many random halves of the episodes to select from for `Selection.stability`.
+    least_kept : int, optional
+        Where the task has changed, leave out the oldest episodes, but none of the newest
+        `least_kept`. None leaves out none, nor does a method without evidence.
     progress : callable
         Told the share that is done.
 
     """
     begin = time.perf_counter()
-    selector = METHODS[method](**settings).fit(
-        episodes, names=channel_names, start=start, progress=progress
-    )
+    selector = METHODS[method](**settings)
+    selector.fit(episodes, names=channel_names, start=start, progress=progress)
+    outdated = 0
+    if least_kept is not None and len(getattr(selector, 'pvalues_', ())):
+        spoke = zip(selector.spoke_by_, selector.statuses_, strict=True)
+        outdated = num_outdated(
+            episodes,
+            [channel for channels, status in spoke if status != REJECTED for channel in channels],
+            least_kept=least_kept,
+            gamma=selector.gamma,
+            random_state=selector.random_state,
+        )
+    if outdated:
+        episodes = episodes[outdated:]
+        selector.fit(episodes, names=channel_names, start=start, progress=progress)
     progress(1.0)
     samples = np.concatenate([np.column_stack([e.states, e.rewards]) for e in episodes])
     with np.errstate(over='ignore', invalid='ignore'):  # Huge values: their spread is inf.
@@ -125,6 +145,7 @@ def select(
         episodes=len(episodes),
         steps=sum(map(len, episodes)),
         seconds=time.perf_counter() - begin,
+        outdated=outdated,
         means=tuple(means.tolist()),
         spreads=tuple(spreads.tolist()),
         stability=_stability(selector, episodes, channel_names, num_halves),

@@ -8,6 +8,7 @@ import math
 import os
 import time
 from array import array
+from collections.abc import Sequence
 from concurrent.futures import Future
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -26,6 +27,7 @@ from cmifs_ros.collect.episode_file import Saved
 from cmifs_ros.collect.episode_saver import EpisodeSaver
 from cmifs_ros.collect.selection_report import (
     NOTHING_SELECTED,
+    change,
     evidence,
     headline,
     is_news,
@@ -84,6 +86,7 @@ class SelectorNode(Node):
         self._selection: Selection | None = None
         self._selected_at = -math.inf
         self._cause = ''  # of the selection
+        self._selected_from: Sequence[Episode] = ()
         self._so_far = ''  # what was found without anything being confirmed
         self._filter: StateFilter | None = None
         self._drift: Drift | None = None
@@ -251,7 +254,10 @@ class SelectorNode(Node):
         settings = selector_settings(values, names)
         episodes = self._buffer.snapshot()
         in_use = self._selection.confirmed if self._selection is not None else ()
-        arguments = (episodes, names, values['method'], settings, in_use)
+        least_kept = values['min_episodes'] if values['forget_outdated'] else None
+        options = {'start': in_use, 'least_kept': least_kept}
+        arguments = (episodes, names, values['method'], settings, options)
+        self._selected_from = episodes
         return Job(self._revision, self._generation, cause, arguments)
 
     def _select_periodically(self) -> None:
@@ -271,6 +277,10 @@ class SelectorNode(Node):
             self._attempted_revision = None
             self.get_logger().warning(f'no selection: {outcome.error}')
             return outcome
+        if selection.outdated:
+            self.get_logger().info(change(selection))
+            self._buffer.forget(self._selected_from[: selection.outdated])
+            self._save()
         if is_tentative(selection):
             self._so_far = headline(selection)
             self.get_logger().info(f'{headline(selection)}: {evidence(selection)}')

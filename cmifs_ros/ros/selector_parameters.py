@@ -35,6 +35,9 @@ PARAMETERS = (
     Spec('min_episodes', 20, 'Episodes needed for a selection.', (2, 100_000)),
     Spec('max_episodes', 100,
          'Episodes kept, at least min_episodes of them; the oldest leave first.', (2, 100_000)),
+    Spec('forget_outdated', True,
+         'Where the task has changed, forget the episodes from before, but not the newest '
+         'min_episodes.'),
     Spec('max_episode_steps', 1000, 'A longer episode is closed at this step.', (1, 1_000_000)),
     Spec('max_buffer_mb', 256,
          'Memory of the episodes kept, in units of 10^6 bytes; the oldest leave first.',
@@ -73,7 +76,7 @@ PARAMETERS = (
 SELECTION_PARAMETERS = {
     'method', 'kdr_target', 'num_features', 'gamma', 'criterion', 'standardize', 'direction',
     'sensor_groups', 'min_episodes', 'max_episodes', 'max_buffer_mb', 'max_time_bins',
-    'significance', 'random_state',
+    'significance', 'random_state', 'forget_outdated',
 }  # fmt: skip
 
 #: What stands for itself is a number of bins.

@@ -64,6 +64,19 @@ def test_the_service_gives_what_the_selector_finds_on_the_same_episodes(start, r
     np.testing.assert_allclose(scores.position, found['scores'])
 
 
+def test_when_the_task_has_changed_the_episodes_from_before_are_forgotten(selector, robot):
+    before = [Episode(e.states[:, ::-1], e.rewards) for e in small_episodes(40, seed=1)]
+    robot.publish_episodes([*before, *small_episodes(40, seed=2)], NAMES)
+    robot.wait_for_episodes(80)
+    found = json.loads(robot.call(robot.select_client).message)
+    assert found['names'] == ['c']
+    assert 30 <= found['outdated'] == 80 - found['episodes'] <= 50
+    robot.wait_for_episodes(found['episodes'])
+    text = f'the oldest {found["outdated"]} episodes no longer fit the newest {found["episodes"]}'
+    robot.until(lambda: text in selector.output)
+    assert robot.set_parameter('forget_outdated', False).successful
+
+
 def test_the_method_kdr_needs_its_target_and_gives_what_its_selector_finds(selector, robot):
     refusal = robot.set_parameter('method', 'kdr')
     assert not refusal.successful

@@ -10,6 +10,7 @@ pytest.importorskip('matplotlib')
 from cmifs_ros.core import Episode
 from cmifs_ros.core.samples import step_samples
 from cmifs_ros.sim import rollout_chain
+from studies.accuracy import changing_task
 from studies.accuracy import oracle as accuracy_oracle
 from studies.accuracy.rank_sums import main
 from studies.distractors import distractor_names, with_distractors
@@ -226,6 +227,15 @@ def test_the_oracle_finds_what_tells_much(capsys):
     rows = [line.split(' | ') for line in capsys.readouterr().out.splitlines() if '| 40 |' in line]
     assert [row[2] for row in rows] == ['x', 'y', 'battery', 'gravel']
     assert rows[0][3:] == ['10.00 ± 0.00', '0 |']
+
+
+def test_after_a_change_right_and_forgotten_are_counted(capsys, monkeypatch):
+    change = 'gravel is taken away'
+    monkeypatch.setattr(changing_task, 'CHANGES', {change: changing_task.CHANGES[change]})
+    monkeypatch.setattr(changing_task, 'NEW_EPISODES', (100,))
+    assert changing_task.main(['--trials', '1', '--first-seed', '0', '--jobs', '1']) == 0
+    # Without any old episode left both are the same, and there is nothing to forget.
+    assert f'| {change} | 100 | 100% | 100% | 0% |' in capsys.readouterr().out
 
 
 def test_the_oracle_counts_what_the_direct_port_scores_higher():

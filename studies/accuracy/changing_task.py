@@ -1,0 +1,105 @@
+"""How soon the selection is right again after the task has changed.
+
+A hundred episodes of one task are followed by those of another. Every so often a selection is made
+from the newest hundred, once as they are and once with the outdated ones forgotten.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Callable
+
+import numpy as np
+
+from cmifs_ros.core import Episode
+from cmifs_ros.core.selection import select
+from cmifs_ros.tools.program import exit_code
+from studies.parallel_trials import results_of
+from studies.tables import markdown_table
+from studies.tasks import TASKS
+
+from .trial_arguments import add_trial_arguments
+
+WINDOW, LEAST_KEPT = 100, 20
+NEW_EPISODES = (0, 20, 30, 40, 50, 60, 80, 100)
+
+
+def moved(episodes: list[Episode]) -> list[Episode]:
+    """Return episodes of the point robot with its goal, and so its places, 2 units further."""
+    return [Episode(e.states + 2.0 * (np.arange(e.num_channels) == 0), e.rewards) for e in episodes]
+
+
+#: The task before, the task from then on, and what is done to its episodes.
+CHANGES: dict[str, tuple[str, str, Callable]] = {
+    'gravel is laid': ('without_gravel', 'with_gravel', list),
+    'gravel is taken away': ('with_gravel', 'without_gravel', list),
+    'the goal of the point robot is moved': ('point_robot', 'point_robot', moved),
+}
+
+
+def follow(change: str, seed: int) -> list[tuple[bool, bool, int]]:
+    """Return, for each number of new episodes, whether both are right, and what was forgotten."""
+    before, after, alter = CHANGES[change]
+    stream = TASKS[before].rollout(WINDOW, seed)
+    stream += alter(TASKS[after].rollout(WINDOW, seed + 1_000_000))
+    relevant = {TASKS[after].channel_names[c] for c in TASKS[after].relevant}
+    found = []
+    for count in NEW_EPISODES:
+        window = stream[count : count + WINDOW]
+        kept, forgotten = (
+            select(
+                window,
+                TASKS[after].channel_names,
+                'conditional_mi',
+                {'random_state': seed},
+                least_kept=least_kept,
+            )
+            for least_kept in (None, LEAST_KEPT)
+        )
+        found.append((
+            set(kept.names) == relevant,
+            set(forgotten.names) == relevant,
+            forgotten.outdated,
+        ))  # fmt: skip
+    return found
+
+
+def run(options: argparse.Namespace) -> None:
+    """Follow all changes, then print."""
+    rows = []
+    for change in CHANGES:
+        seeds = range(options.first_seed, options.first_seed + options.trials)
+        with results_of(follow, [(change, seed) for seed in seeds], options.jobs) as results:
+            found = np.array(list(results))
+        for count, (kept, forgotten, outdated) in zip(
+            NEW_EPISODES, found.transpose(1, 2, 0), strict=True
+        ):
+            rows.append((
+                change,
+                count,
+                f'{kept.mean():.0%}',
+                f'{forgotten.mean():.0%}',
+                f'{np.mean(outdated > 0):.0%}',
+                f'{np.median(outdated[outdated > 0]):.0f}' if outdated.any() else '',
+            ))  # fmt: skip
+    print(f'\n{options.trials} trials, seeds from {options.first_seed}.\n')
+    head = (
+        *('change', 'new episodes', f'right from the newest {WINDOW}'),
+        *('right where the outdated are forgotten', 'forgotten in', 'episodes forgotten (median)'),
+    )
+    print(markdown_table(head, rows), end='')
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the study; return the exit code."""
+    parser = argparse.ArgumentParser(
+        prog='changing_task', description=' '.join(__doc__.split()), allow_abbrev=False
+    )
+    add_trial_arguments(parser)
+    options = parser.parse_args(arguments)
+    return exit_code('changing_task', lambda: run(options))
+
+
+if __name__ == '__main__':
+    sys.exit(main())
