@@ -28,8 +28,9 @@ _MAX_ROWS = 2000
 _NUM_FOLDS = 5
 #: Gaussians that explain the return by what is given, and those that are functions of the sensor.
 _NUM_CENTERS, _NUM_FUNCTIONS = 50, 60
-#: How far these functions are whitened: from only the strongest to all.
-_WHITENINGS = (1e-1, 1e-2, 1e-3)
+#: How far these functions are whitened: only the strongest, and all but the weakest, which few
+#: episodes have to do with.
+_WHITENINGS = (1e-1, 1e-2)
 _NUM_SIGNS = 2000
 #: Share of its variance that a channel must have for itself.
 _LEAST_OWN_SHARE = 1e-3

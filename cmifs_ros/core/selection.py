@@ -43,10 +43,10 @@ class Selection:
         The channels that spoke for the sensor: all of it, or the best of a group.
     stability : tuple of float
         Share of random halves of the episodes in which the sensor is selected; empty if not asked.
-    episodes, steps : int
-        Size of the data it rests on.
     outdated : int
         Of the oldest episodes, how many no longer fit the newest, and were left out.
+    episodes, steps : int
+        Size of the data it rests on.
     seconds : float
         Computing time.
     means, spreads : tuple of float
@@ -61,7 +61,6 @@ class Selection:
     episodes: int
     steps: int
     seconds: float
-    outdated: int = 0
     means: tuple[float, ...] = ()
     spreads: tuple[float, ...] = ()
     statuses: tuple[str, ...] = ()
@@ -69,6 +68,7 @@ class Selection:
     null_scores: tuple[tuple[float, float, float], ...] = ()
     spoke_by: tuple[tuple[str, ...], ...] = ()
     stability: tuple[float, ...] = ()
+    outdated: int = 0
 
     @property
     def confirmed(self) -> tuple[str, ...]:
@@ -145,10 +145,10 @@ def select(
         episodes=len(episodes),
         steps=sum(map(len, episodes)),
         seconds=time.perf_counter() - begin,
-        outdated=outdated,
         means=tuple(means.tolist()),
         spreads=tuple(spreads.tolist()),
         stability=_stability(selector, episodes, channel_names, num_halves),
+        outdated=outdated,
         **evidence,
     )
 

@@ -154,7 +154,7 @@ class StepwiseSelection:
         return self._candidates(self._left(chosen), chosen, level)[:1]
 
     def _pair(self) -> list[Finding]:
-        """Return two sensors that have evidence given each other, of all pairs."""
+        """Return two sensors that have evidence given each other, and a better score together."""
         channels = [(i, (channel,)) for i, sensor in enumerate(self._sensors) for channel in sensor]
         pvalues = self._test([unit for _, unit in channels], self._background)
         best: dict[int, Finding] = {}
@@ -169,7 +169,10 @@ class StepwiseSelection:
         pvalue = float(weaker[pair]) * len(singles) * (len(singles) - 1)
         if pvalue > self._significance:
             return []
-        return [singles[i]._replace(pvalue=pvalue) for i in pair]
+        found = [singles[i]._replace(pvalue=pvalue) for i in pair]
+        alone = self._criterion([self._given([one]) for one in found])
+        (together,) = self._criterion([self._given(found)])
+        return found if together > max(0.0, *alone) else []
 
     def _without_superfluous(self, chosen: list[Finding], num_candidates: int = 1) -> list[Finding]:
         """Remove what has no evidence given the rest, the weakest first.

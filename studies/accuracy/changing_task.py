@@ -22,7 +22,7 @@ from studies.tasks import TASKS
 from .trial_arguments import add_trial_arguments
 
 WINDOW, LEAST_KEPT = 100, 20
-NEW_EPISODES = (0, 20, 30, 40, 50, 60, 80, 100)
+NEW_EPISODES = (0, 20, 40, 60, 80, 100)
 
 
 def moved(episodes: list[Episode]) -> list[Episode]:
