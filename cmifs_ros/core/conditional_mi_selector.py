@@ -200,7 +200,9 @@ class ConditionalMISelector(SensorSelector):
             )
         living = [tuple(c for c in sensors[i] if varying[c]) for i in live]
         start = [i for i, sensor in enumerate(live) if sensor in self._start]
-        findings, null, num_selected = self._search(samples, living, start)
+        findings, null, num_selected = [], np.empty((0, 3)), 0
+        if living:
+            findings, null, num_selected = self._search(samples, living, start)
         findings = [f._replace(sensor=live[f.sensor]) for f in findings]
         if self.num_features is None and dead:
             score = findings[num_selected - 1].score if num_selected else 0.0

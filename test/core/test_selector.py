@@ -122,6 +122,12 @@ def test_what_never_changes_is_not_selected_whatever_number_is_asked(rewards):
         ConditionalMISelector(2).fit((states, rewards))
 
 
+def test_of_constants_alone_nothing_is_selected():
+    selector = ConditionalMISelector().fit((np.ones((12, 2, 3)), toy(12, 2)[1]))
+    assert selector.statuses_ == ['rejected'] * 3
+    assert selector.transform(np.ones((2, 3))).shape == (2, 0)
+
+
 def test_huge_units_do_not_change_the_selection_and_overflowing_returns_are_refused():
     states, rewards = toy(20, 2)
     usual = ConditionalMISelector(2).fit((states, rewards))
