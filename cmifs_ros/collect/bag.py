@@ -165,7 +165,10 @@ class _Sampled:
     def finish(self) -> tuple[tuple[str, ...], dict[str, int]]:
         self._collect(self._sampler.flush())
         dropped = {f'late messages of {t}': n for t, n in self._sampler.late.items()}
-        dropped |= {f'wrong messages of {t}': n for t, n in self._sampler.wrong.items()}
+        dropped |= {
+            f'wrong messages of {t}, such as: {self._sampler.last_wrong[t]}': n
+            for t, n in self._sampler.wrong.items()
+        }
         dropped |= {f'steps without {name}': n for name, n in self._sampler.missing.items()}
         return tuple(self._names), dropped
 

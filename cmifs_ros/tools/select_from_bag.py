@@ -10,6 +10,8 @@ import time
 from collections import Counter
 from pathlib import Path
 
+import numpy as np
+
 from cmifs_ros.collect import episode_file
 from cmifs_ros.collect.bag import BagEpisodes, BagError, episodes_of_bag
 from cmifs_ros.collect.robot_file import RobotFile, RobotFileError, load_robot_file
@@ -106,11 +108,14 @@ def _select(bags: list[BagEpisodes], robot: RobotFile | None, options) -> None:
     episodes = [episode for bag in bags for episode in bag.episodes]
     if len(episodes) < 2:
         raise BagError(
-            f'{len(episodes)} whole episodes; expected at least 2, better 50. One that the '
-            "recording's begin or end cuts does not count; `episode: {steps: 25}` in the robot "
-            'file makes windows of 25 steps'
+            f'{len(episodes)} whole episodes; expected at least 2, better 50. One that lacks '
+            "a step, or that the recording's begin or end cuts, does not count; `episode: "
+            '{steps: 25}` in the robot file makes windows of 25 steps'
         )
     names = next(bag.channel_names for bag in bags if bag.episodes)
+    rewards = np.concatenate([episode.rewards for episode in episodes])
+    if np.ptp(rewards) == 0:
+        print(f'every reward is {rewards[0]:g}: no return differs but by the length of its episode')
     settings = {'num_features': options.num_features, 'n_jobs': os.cpu_count()}
     if robot and robot.groups:
         settings['groups'] = robot.groups

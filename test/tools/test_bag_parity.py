@@ -117,4 +117,4 @@ def test_a_bag_that_has_the_simulated_clock_is_read_by_it(tmp_path, has_clock):
         assert bag.num_messages == 40
     else:
         assert not bag.episodes
-        assert bag.dropped['wrong messages of /radio'] > 0
+        assert any('wrong messages of /radio, such as: ' in cause for cause in bag.dropped)

@@ -112,6 +112,16 @@ def test_the_episodes_file_can_be_taken_up_where_nothing_was_selected(tmp_path):
     assert (len(found.episodes), found.selection) == (10, None)
 
 
+def test_a_reward_that_is_always_the_same_is_told(tmp_path, capsys):
+    write_bag(tmp_path / 'bag', 60)
+    file = tmp_path / 'robot.yaml'
+    file.write_text(ROBOT.replace('reward: pay', 'reward: "2"'))
+    assert main([str(tmp_path / 'bag'), '--robot', str(file), '--out', str(tmp_path)]) == 0
+    printed = capsys.readouterr().out
+    assert 'every reward is 2: ' in printed
+    assert 'selected: nothing' in printed
+
+
 def test_jobs_change_nothing(tmp_path, robot):
     bags = [str(tmp_path / name) for name in ('one', 'two')]
     for seed, path in enumerate(bags):
@@ -203,6 +213,16 @@ def test_a_topic_that_the_bag_lacks_is_an_error(tmp_path, capsys):
     (tmp_path / 'robot.yaml').write_text(ROBOT.replace('/noise.data', '/battery.percentage'))
     assert main([str(tmp_path / 'bag'), '--robot', str(tmp_path / 'robot.yaml')]) == 1
     assert 'lacks /battery of the robot file; it has /arm, /noise' in capsys.readouterr().err
+
+
+def test_a_field_that_a_message_lacks_is_named(tmp_path):
+    write_bag(tmp_path / 'bag', 12)
+    bag = episodes_of_bag(
+        tmp_path / 'bag', parse_robot_file(ROBOT.replace('/noise.data', '/noise.level'))
+    )
+    (cause,) = (cause for cause in bag.dropped if 'wrong' in cause)
+    assert cause.startswith('wrong messages of /noise, such as: ')
+    assert 'level' in cause
 
 
 def test_without_a_robot_file_a_bag_needs_state_and_reward(tmp_path, capsys):
