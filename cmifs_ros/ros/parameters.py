@@ -130,14 +130,16 @@ def declare(
         parameter = node.declare_parameter(spec.name, spec.default, spec.descriptor())
         values[spec.name] = parameter.value
     check_all(values)
-    _warn_of_unknown(node, sorted(given.keys() - values.keys()), list(values))
+    warn_of_unknown(node, list(values))
     node.add_pre_set_parameters_callback(as_declared)
     node.add_on_set_parameters_callback(validate)
     node.add_post_set_parameters_callback(accept)
     return values
 
 
-def _warn_of_unknown(node: Node, names: Sequence[str], known: Sequence[str]) -> None:
+def warn_of_unknown(node: Node, known: Sequence[str]) -> None:
+    """Warn where a node was given parameters that it does not have."""
+    names = sorted(node._parameter_overrides.keys() - set(known))
     unknown = [name for name in names if name.split('.')[0] not in _OF_ROS]
     if unknown:
         nearest = difflib.get_close_matches(unknown[0], known, n=1, cutoff=0)

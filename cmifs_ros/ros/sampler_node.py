@@ -20,6 +20,7 @@ from cmifs_ros.collect.state_reader import listed
 
 from . import conversions, diagnostics
 from .following_subscription import FollowingSubscription
+from .parameters import warn_of_unknown
 from .sampler_status import SamplerStatus
 
 #: Seconds without any message after which none is waited for.
@@ -32,6 +33,7 @@ class SamplerNode(Node):
     def __init__(self):
         super().__init__('sampler')
         path = self.declare_parameter('robot_file', '').value
+        warn_of_unknown(self, ['robot_file'])
         if not path:
             raise ValueError('robot_file is empty; expected the path of a robot file')
         try:

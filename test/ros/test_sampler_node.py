@@ -157,8 +157,9 @@ def test_messages_of_another_type_than_the_file_means_do_not_end_it(start, robot
 def test_a_file_with_mistakes_ends_it_with_all_of_them(start, tmp_path):
     path = tmp_path / 'robot.yaml'
     path.write_text(FILE.replace('as: yaw', 'as: jaw').replace('+ 10', '+ scan * 10'))
-    sampler = start('sampler_node', robot_file=path)
+    sampler = start('sampler_node', robot_file=path, robot='x')
     assert sampler.process.wait(20) == 2
+    assert 'the name nearest to robot is robot_file' in sampler.output
     assert "line 5: yaw.as is 'jaw'; expected yaw" in sampler.output
     assert 'line 8: reward uses scan' in sampler.output
     assert 'Traceback' not in sampler.output
