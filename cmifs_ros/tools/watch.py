@@ -96,12 +96,13 @@ def run(namespace: str, console: Console) -> int:
     node = rclpy.create_node(f'watch_{os.getpid()}', namespace=namespace)
     watcher = Watcher(node)
     if not console.is_terminal:
-        begin = now = time.monotonic()
-        while not stopping and now < begin + (
-            _ROUND if watcher.snapshot.is_complete else _PATIENCE
-        ):
+        begin = now = incomplete_at = time.monotonic()
+        # A round longer, since the sampler may be heard after the selector.
+        while not stopping and now < incomplete_at + _ROUND:
             rclpy.spin_once(node, timeout_sec=_REFRESH_PERIOD)
             now = time.monotonic()
+            if not watcher.snapshot.is_complete and now < begin + _PATIENCE:
+                incomplete_at = now
         console.print(view(watcher.look()))
         return 0 if watcher.snapshot.selector else 1
     with Live(console=console, auto_refresh=False, screen=True) as live:
