@@ -33,7 +33,7 @@ class Selection:
         one that was not.
     statuses : tuple of str
         'confirmed': tells something about the return that the others selected do not;
-        'tentative': not shown so far; 'rejected': tells nothing that the confirmed do not.
+        'tentative': not shown so far; 'rejected': no evidence that it does.
     pvalues : tuple of float
         Of the hypothesis that the sensor tells nothing beside the others selected, corrected for
         the number of sensors; small is evidence.

@@ -30,7 +30,7 @@ _READING = (
     'The score is what the return shares with the sensor and those taken before it; grey is what '
     'it would be if the sensor told nothing. p is how likely so much by chance, from a test of its '
     'own that is sharper than the score. Confirmed: there is evidence. Tentative: more episodes '
-    'may show it. Rejected: it tells nothing that the confirmed do not.'
+    'may show it. Rejected: no evidence that it tells more than the confirmed do.'
 )
 
 
