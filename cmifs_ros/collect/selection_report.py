@@ -58,11 +58,12 @@ def evidence(selection: Selection) -> str:
             rejected.append(name)
         else:
             shown.append(f'{name} ({what}{number:{form}})')
-    return (
-        listed(shown)
-        + (f'; rejected {listed(rejected)}' if rejected else '')
-        + f'; {selection.episodes} episodes, {selection.steps} steps, {selection.seconds:.1f} s'
+    parts = [listed(shown)] if shown else []
+    parts += [f'rejected {listed(rejected)}'] if rejected else []
+    parts.append(
+        f'{selection.episodes} episodes, {selection.steps} steps, {selection.seconds:.1f} s'
     )
+    return '; '.join(parts)
 
 
 def is_news(selection: Selection, previous: Selection | None) -> bool:

@@ -25,6 +25,8 @@ def test_the_headline_says_what_is_sure_and_what_is_not():
 
 def test_the_evidence_is_p_values_where_there_are_some_and_else_scores():
     assert evidence(PLAIN) == 'b (0.500), a (0.400); 25 episodes, 60 steps, 1.2 s'
+    nothing = dataclasses.replace(CONFIRMED, statuses=('rejected',) * 2)
+    assert evidence(nothing) == 'rejected b, a; 25 episodes, 60 steps, 1.2 s'
     assert evidence(CONFIRMED) == 'b (p 0.01); rejected a; 25 episodes, 60 steps, 1.2 s'
 
 
