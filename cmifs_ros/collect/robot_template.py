@@ -230,7 +230,7 @@ def _names(found: list[_Field]) -> list[str]:
 def _text(title: str, found: list[_Field], without: list[str], actions: list[str]) -> str:
     lines = [
         f'# Written by make_robot_file from {json.dumps(title)[1:-1]}. Decide what is marked TODO,',
-        '# and remove channels that cannot matter: fewer are found with fewer episodes.',
+        '# and remove channels that cannot matter: the more there are, the more episodes it takes.',
         '',
         '# TODO: a step so many times a second, or at each message of a topic: {topic: /odom}.',
         'step: {rate: 10.0}',

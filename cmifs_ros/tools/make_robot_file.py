@@ -43,7 +43,10 @@ def _run(options: argparse.Namespace) -> None:
         raise StudyError(f'{options.out} exists; expected the name of a new file') from None
     except (BagError, OSError) as error:
         raise StudyError(str(error)) from error
-    print(f'written: {options.out}; decide what is marked TODO in it, then: select_from_bag')
+    print(
+        f'written: {options.out}; decide what is marked TODO in it, then: '
+        f'select_from_bag {options.bag or "BAG"} --robot {options.out}'
+    )
 
 
 def _listen(seconds: int) -> str:
