@@ -32,7 +32,7 @@ def test_the_evidence_is_p_values_where_there_are_some_and_else_scores():
 
 def test_the_reply_has_no_empty_evidence_and_nothing_of_the_data():
     assert set(reply_of(PLAIN)) == {
-        'indices', 'names', 'ranking', 'scores', 'episodes', 'steps', 'seconds',
+        'indices', 'names', 'ranking', 'scores', 'episodes', 'steps', 'seconds', 'outdated',
     }  # fmt: skip
     assert reply_of(CONFIRMED)['pvalues'] == (0.01, 0.8)
 
