@@ -8,7 +8,7 @@ from cmifs_ros.core.selection import Selection
 
 from .state_reader import listed
 
-NOTHING_SELECTED = 'no sensor tells anything about the return'
+NOTHING_SELECTED = 'no evidence that any sensor tells about the return'
 _EVIDENCE = ('statuses', 'pvalues', 'null_scores', 'spoke_by', 'stability')
 
 

@@ -12,6 +12,8 @@ from .samples import collect_samples, standardized
 
 #: Probability that a change is seen where there is none.
 _LEVEL = 0.005
+#: A channel whose correlation with the episode's number is greater counts the episodes.
+_MOST_CORRELATED = 0.9
 #: Moments of change that are tried, and the least number of episodes before one.
 _NUM_MOMENTS, _LEAST_BEFORE = 9, 10
 
@@ -27,7 +29,8 @@ def num_outdated(
     """Return how many of the oldest episodes no longer fit the newest; 0 where nothing changed.
 
     Given the channels and the step, is the return another before some episode than from there on?
-    Nine moments are tried, by the test of `ConditionalTest`, and the clearest is taken.
+    Nine moments are tried, by the test of `ConditionalTest`, and the clearest is taken. A channel
+    that counts the episodes, as a battery that drains, would explain any change and is not given.
 
     Parameters
     ----------
@@ -50,8 +53,12 @@ def num_outdated(
     moments = np.unique(np.linspace(_LEAST_BEFORE, last, _NUM_MOMENTS).astype(int))
     is_after = standardized((samples.owner[:, None] >= moments).astype(float))
     num_channels = samples.states.shape[1]
+    age = standardized(samples.owner.astype(float))
+    timeless = [
+        c for c in channels if abs(samples.states[:, c] @ age) <= _MOST_CORRELATED * len(age)
+    ]
     test = ConditionalTest(samples.with_channels(is_after), gamma, random_state)
-    pvalues = test([(num_channels + i,) for i in range(len(moments))], channels)
+    pvalues = test([(num_channels + i,) for i in range(len(moments))], timeless)
     clearest = int(np.argmin(pvalues))
     is_change = pvalues[clearest] * len(moments) <= _LEVEL
     return int(moments[clearest]) if is_change else 0

@@ -70,7 +70,9 @@ def write_report(
             f'there are {len(names)} names; expected {episodes[0].num_channels}, '
             'one for each channel of the episodes'
         )
-    selected = ', '.join(selection.names) or 'nothing: no sensor tells anything about the return'
+    selected = (
+        ', '.join(selection.names) or 'nothing: no evidence that any sensor tells about the return'
+    )
     states = np.concatenate([episode.states for episode in episodes])
     parts = [
         f'<h1>Selected: {escape(selected)}</h1>',

@@ -80,7 +80,8 @@ def ranking_text(selection: Selection) -> str:
         row = [str(i + 1), name, f'{score:.3f}']
         if selection.null_scores:
             low, _, high = selection.null_scores[i]
-            row.append(f'{low:.3f} to {high:.3f}')
+            # A constant has no score but that of the others alone.
+            row = [*row, f'{low:.3f} to {high:.3f}'] if low < high else [*row[:2], '', '']
         row += [f'{selection.pvalues[i]:.2g}'] if selection.pvalues else []
         row += [selection.statuses[i]] if selection.statuses else []
         row += [f'{selection.stability[i]:.0%}'] if selection.stability else []

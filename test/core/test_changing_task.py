@@ -25,6 +25,15 @@ def test_the_moment_is_found():
         assert 40 <= num_outdated(stream, (0, 1), **SETTINGS) <= 60
 
 
+def test_a_battery_that_drains_does_not_hide_it():
+    for seed in range(5):
+        stream = episodes_paid_for(0, 50, seed) + episodes_paid_for(1, 50, 100 + seed)
+        for i, episode in enumerate(stream):
+            episode.states.flags.writeable = True
+            episode.states[:, 2] = 100 - 0.5 * i - 0.01 * np.arange(10)
+        assert 40 <= num_outdated(stream, (0, 1, 2), **SETTINGS) <= 60
+
+
 def test_where_nothing_changes_nothing_is_outdated():
     found = [num_outdated(episodes_paid_for(0, 80, seed), (0,), **SETTINGS) for seed in range(40)]
     assert np.count_nonzero(found) <= 1

@@ -374,7 +374,7 @@ def test_where_nothing_is_confirmed_the_diagnostics_tell_how_far_it_is(selector,
     reply = robot.call(robot.select_client)
     found = json.loads(reply.message)
     assert found['names'] == []
-    what = 'nothing confirmed yet; 24 episodes' if reply.success else 'no sensor tells anything'
+    what = 'nothing confirmed yet; 24 episodes' if reply.success else 'no evidence that any'
     robot.until(lambda: robot.diagnostics['selector: selection'][1].startswith(what))
 
 

@@ -97,7 +97,7 @@ def test_evidence_that_is_not_there_is_not_shown(tmp_path):
 def test_nothing_selected_is_said(tmp_path):
     nothing = replace(BARE, indices=(), names=())
     page = Page(write_report(tmp_path, nothing, make_episodes(), NAMES, {}))
-    assert 'no sensor tells anything about the return' in page.source
+    assert 'no evidence that any sensor tells about the return' in page.source
 
 
 @settings(max_examples=8)
