@@ -125,9 +125,13 @@ def _ranking_table(selection: Selection) -> str:
     columns += ['channels that spoke'] if is_grouped else []
     rows = [f'<tr>{"".join(f"<th>{name}</th>" for name in columns)}</tr>']
     for i, (name, score) in enumerate(zip(selection.ranking, selection.scores, strict=True)):
-        cells = [_number(i + 1), f'<td class="name">{escape(name)}</td>', _number(f'{score:.3f}')]
-        if selection.null_scores:
-            cells.append(_number(', '.join(f'{null:.3f}' for null in selection.null_scores[i])))
+        null = selection.null_scores[i] if selection.null_scores else ()
+        # A constant has no score but that of the others alone.
+        is_constant = null and null[0] == null[-1]
+        cells = [_number(i + 1), f'<td class="name">{escape(name)}</td>']
+        cells.append(_number('' if is_constant else f'{score:.3f}'))
+        if null:
+            cells.append(_number('' if is_constant else ', '.join(f'{n:.3f}' for n in null)))
         if selection.pvalues:
             cells.append(_number(f'{selection.pvalues[i]:.2g}'))
         if selection.statuses:
