@@ -113,8 +113,7 @@ class EpisodeBuffer:
         for episode in episodes:
             held = self._episodes.pop(_digest(episode), None)
             if held is not None:
-                self._num_steps -= len(held)
-                self._nbytes -= held.nbytes
+                self._count_out(held)
 
     def clear(self) -> None:
         """Forget all episodes."""
@@ -131,8 +130,11 @@ class EpisodeBuffer:
             or (self.max_bytes is not None and self._nbytes + nbytes > self.max_bytes)
         ):
             _, oldest = self._episodes.popitem(last=False)
-            self._num_steps -= len(oldest)
-            self._nbytes -= oldest.nbytes
+            self._count_out(oldest)
+
+    def _count_out(self, episode: Episode) -> None:
+        self._num_steps -= len(episode)
+        self._nbytes -= episode.nbytes
 
 
 def _digest(episode: Episode) -> bytes:

@@ -38,9 +38,7 @@ def headline(selection: Selection) -> str:
 
 
 def change(selection: Selection) -> str:
-    """Return that the task has changed, or nothing."""
-    if not selection.outdated:
-        return ''
+    """Return that the task has changed, of a selection that left out what is outdated."""
     return (
         f'the task has changed: the oldest {selection.outdated} episodes no longer fit the newest '
         f'{selection.episodes} and are forgotten'

@@ -269,6 +269,8 @@ class SelectorNode(Node):
         selection = outcome.selection
         if outcome.is_refusal:  # Whoever asked is told why; nothing is wrong.
             return outcome
+        # Not kept: the buffer's bound holds for all episodes in memory.
+        selected_from, self._selected_from = self._selected_from, ()
         if outcome.generation != self._generation:
             self.get_logger().info(CLEARED_MEANWHILE)
             return dataclasses.replace(outcome, error=outcome.error or CLEARED_MEANWHILE)
@@ -279,7 +281,7 @@ class SelectorNode(Node):
             return outcome
         if selection.outdated:
             self.get_logger().info(change(selection))
-            self._buffer.forget(self._selected_from[: selection.outdated])
+            self._buffer.forget(selected_from[: selection.outdated])
             self._save()
         if is_tentative(selection):
             self._so_far = headline(selection)
