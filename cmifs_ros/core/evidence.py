@@ -6,7 +6,10 @@ the given channels and the time step explain is taken from the return and from f
 sensor, and the two remainders are multiplied. If the sensor tells nothing more, the products of an
 episode sum up to either sign with equal chance, whatever the steps of it have to do with each
 other (the wild cluster bootstrap: Cameron, Gelbach & Miller, Bootstrap-based improvements for
-inference with clustered errors, 2008).
+inference with clustered errors, 2008). What so seems to tell something has to do so once more, where
+what is left of the return has changed places between the episodes. Neither is right by itself: the
+signs of a few episodes that hold most of what is to be explained say too little of chance, and places
+are not alike where the noise depends on what is given.
 
 What is left of the return is looked at as it is and by its temporal differences (Sutton, Learning
 to predict by the methods of temporal differences, 1988): what a step alone adds has less noise than
@@ -30,8 +33,10 @@ _NUM_FOLDS = 5
 _NUM_CENTERS, _NUM_FUNCTIONS = 50, 60
 #: How far these functions are whitened: only the strongest, and all but the weakest, which few
 #: episodes have to do with.
-_WHITENINGS = (1e-1, 1e-2)
-_NUM_SIGNS = 2000
+_WHITENINGS = np.array([1e-1, 1e-2])
+_NUM_SIGNS, _NUM_EXCHANGES = 2000, 300
+#: p-value by signs up to which places are exchanged as well; above, nothing speaks for a sensor.
+_DOUBTFUL = 0.05
 #: Share of its variance that a channel must have for itself.
 _LEAST_OWN_SHARE = 1e-3
 
@@ -45,7 +50,7 @@ class ConditionalTest:
     gamma : float
         Discount factor of the returns.
     random_state : int
-        Seed of folds, centres and signs.
+        Seed of folds, centres, signs and exchanges.
 
     """
 
@@ -66,6 +71,7 @@ class ConditionalTest:
         centers = rng.permutation(len(rows))
         self._centers, self._functions = centers[:_NUM_CENTERS], centers[:_NUM_FUNCTIONS]
         self._signs = rng.choice([-1.0, 1.0], size=(_NUM_SIGNS, len(self._episodes)))
+        self._exchanges = self._exchanged(rng)
         self._known: dict[tuple, float] = {}
 
     def __call__(self, candidates: Sequence[Sequence[int]], given: Sequence[int]) -> np.ndarray:
@@ -123,35 +129,58 @@ class ConditionalTest:
         of_sensor -= of_sensor.mean(axis=0)  # no function of the given channels alone
         return np.hstack([of_sensor * of_given, own])
 
-    def _pvalue(self, functions: np.ndarray, remainders) -> float:
-        """Return the probability that signs alone bring about products that large.
+    def _exchanged(self, rng):
+        """Return the rows of which each row has the remainder in each exchange: (exchanges, N).
 
-        The greatest of several statistics, each divided by its deviation, is compared with a law
-        of three moments (Winkler et al., Faster permutation inference in brain imaging, 2016).
+        The episodes stand in a random circle, and each takes what is left at its steps from the
+        next one that is as long.
         """
+        lengths = [len(rows) for rows in self._episodes]
+        owner = np.repeat(np.arange(len(lengths)), lengths)
+        place = np.concatenate([np.arange(length) for length in lengths])
+        circles = np.array([rng.permutation(len(lengths)) for _ in range(_NUM_EXCHANGES)])
+        order = np.argsort(place * len(lengths) + circles[:, owner], axis=1)
+        ends = np.cumsum(np.bincount(place))
+        following = np.arange(1, len(place) + 1)
+        following[ends - 1] = np.concatenate([[0], ends[:-1]])
+        exchanged = np.empty_like(order)
+        np.put_along_axis(exchanged, order, order[:, following], axis=1)
+        return exchanged
+
+    def _pvalue(self, functions: np.ndarray, remainders) -> float:
+        """Return the probability that chance alone brings about products that large."""
         variances, axes = np.linalg.eigh(functions.T @ functions / len(functions))
-        variances = np.maximum(variances, 0)
-        greatest, null = -np.inf, np.full(len(self._signs), -np.inf)
-        for left, errors in remainders:
-            total = (left @ functions @ axes) ** 2
-            sums = np.add.reduceat(functions * errors[:, None], self._starts) @ axes
-            squares, products = sums**2, (sums.T @ sums) ** 2
-            drawn = (self._signs @ sums) ** 2
-            for share in _WHITENINGS:
-                weights = 1 / (variances + share * variances.max())
-                each = squares @ weights
-                expected = each.sum()
-                deviation = 2 * (weights @ products @ weights - each @ each)
-                if deviation <= (1e-12 * expected) ** 2:
-                    continue
-                deviation = np.sqrt(deviation)
-                greatest = max(greatest, (total @ weights - expected) / deviation)
-                null = np.maximum(null, (drawn @ weights - expected) / deviation)
-        mean, spread = (null.mean(), null.std()) if np.isfinite(greatest) else (0.0, 0.0)
-        if spread == 0:
-            return 1.0
-        null = (null - mean) / spread
-        return _pearson3_sf((greatest - mean) / spread, np.mean(null**3))
+        weights = 1 / (np.maximum(variances, 0)[:, None] + variances.max() * _WHITENINGS)
+
+        def statistics(totals):
+            return np.hstack([total**2 @ weights for total in totals])
+
+        observed = statistics([left @ functions @ axes for left, _ in remainders])
+        sums = [
+            np.add.reduceat(functions * errors[:, None], self._starts) @ axes
+            for _, errors in remainders
+        ]
+        pvalue = _tail(observed, statistics([self._signs @ of_episodes for of_episodes in sums]))
+        if pvalue <= _DOUBTFUL:
+            totals = [left[self._exchanges] @ functions @ axes for left, _ in remainders]
+            pvalue = max(pvalue, _tail(observed, statistics(totals)))
+        return pvalue
+
+
+def _tail(observed: np.ndarray, drawn: np.ndarray) -> float:
+    """Return the p-value of several statistics (s,) of which some were drawn by chance (n, s).
+
+    The greatest, each less its mean and divided by its deviation, is compared with a law of three
+    moments (Winkler et al., Faster permutation inference in brain imaging, 2016).
+    """
+    means, spreads = drawn.mean(axis=0), drawn.std(axis=0)
+    kept = spreads > 1e-12 * means
+    if not kept.any():
+        return 1.0
+    greatest = ((observed - means)[kept] / spreads[kept]).max()
+    null = ((drawn - means)[:, kept] / spreads[kept]).max(axis=1)
+    mean, spread = null.mean(), null.std()
+    return _pearson3_sf((greatest - mean) / spread, np.mean(((null - mean) / spread) ** 3))
 
 
 def _pearson3_sf(value: float, skewness: float) -> float:
