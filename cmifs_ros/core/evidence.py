@@ -6,10 +6,10 @@ the given channels and the time step explain is taken from the return and from f
 sensor, and the two remainders are multiplied. If the sensor tells nothing more, the products of an
 episode sum up to either sign with equal chance, whatever the steps of it have to do with each
 other (the wild cluster bootstrap: Cameron, Gelbach & Miller, Bootstrap-based improvements for
-inference with clustered errors, 2008). What so seems to tell something has to do so once more, where
-what is left of the return has changed places between the episodes. Neither is right by itself: the
-signs of a few episodes that hold most of what is to be explained say too little of chance, and places
-are not alike where the noise depends on what is given.
+inference with clustered errors, 2008). What so seems to tell something has to do so once more,
+where what is left of the return has changed places between the episodes. Neither is right by
+itself: the signs of a few episodes that hold most of what is to be explained say too little of
+chance, and places are not alike where the noise depends on what is given.
 
 What is left of the return is looked at as it is and by its temporal differences (Sutton, Learning
 to predict by the methods of temporal differences, 1988): what a step alone adds has less noise than

@@ -1,7 +1,8 @@
 """How soon the selection is right again after the task has changed.
 
 A hundred episodes of one task are followed by those of another. Every so often a selection is made
-from the newest hundred, once as they are and once with the outdated ones forgotten.
+from the newest hundred, once as they are and once with the outdated ones forgotten; and once from
+the new ones alone, as one who knows the moment would.
 """
 
 from __future__ import annotations
@@ -38,28 +39,27 @@ CHANGES: dict[str, tuple[str, str, Callable]] = {
 }
 
 
-def follow(change: str, seed: int) -> list[tuple[bool, bool, int]]:
-    """Return, for each number of new episodes, whether both are right, and what was forgotten."""
+def follow(change: str, seed: int) -> list[tuple[bool, bool, bool, int]]:
+    """Return, for each number of new episodes, which are right, and what was forgotten."""
     before, after, alter = CHANGES[change]
     stream = TASKS[before].rollout(WINDOW, seed)
     stream += alter(TASKS[after].rollout(WINDOW, seed + 1_000_000))
     relevant = {TASKS[after].channel_names[c] for c in TASKS[after].relevant}
     found = []
+
+    def selected(episodes, least_kept=None):
+        names = TASKS[after].channel_names
+        options = {'random_state': seed}
+        return select(episodes, names, 'conditional_mi', options, least_kept=least_kept)
+
     for count in NEW_EPISODES:
         window = stream[count : count + WINDOW]
-        kept, forgotten = (
-            select(
-                window,
-                TASKS[after].channel_names,
-                'conditional_mi',
-                {'random_state': seed},
-                least_kept=least_kept,
-            )
-            for least_kept in (None, LEAST_KEPT)
-        )
+        kept, forgotten = selected(window), selected(window, LEAST_KEPT)
+        alone = set(selected(window[-count:]).names) if count else set()
         found.append((
             set(kept.names) == relevant,
             set(forgotten.names) == relevant,
+            alone == relevant,
             forgotten.outdated,
         ))  # fmt: skip
     return found
@@ -72,7 +72,7 @@ def run(options: argparse.Namespace) -> None:
         seeds = range(options.first_seed, options.first_seed + options.trials)
         with results_of(follow, [(change, seed) for seed in seeds], options.jobs) as results:
             found = np.array(list(results))
-        for count, (kept, forgotten, outdated) in zip(
+        for count, (kept, forgotten, alone, outdated) in zip(
             NEW_EPISODES, found.transpose(1, 2, 0), strict=True
         ):
             rows.append((
@@ -80,13 +80,15 @@ def run(options: argparse.Namespace) -> None:
                 count,
                 f'{kept.mean():.0%}',
                 f'{forgotten.mean():.0%}',
+                f'{alone.mean():.0%}',
                 f'{np.mean(outdated > 0):.0%}',
                 f'{np.median(outdated[outdated > 0]):.0f}' if outdated.any() else '',
             ))  # fmt: skip
     print(f'\n{options.trials} trials, seeds from {options.first_seed}.\n')
     head = (
         *('change', 'new episodes', f'right from the newest {WINDOW}'),
-        *('right where the outdated are forgotten', 'forgotten in', 'episodes forgotten (median)'),
+        *('right where the outdated are forgotten', 'right from the new ones alone'),
+        *('forgotten in', 'episodes forgotten (median)'),
     )
     print(markdown_table(head, rows), end='')
 
