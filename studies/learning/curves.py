@@ -2,7 +2,9 @@
 
 The policy learned from the same episodes on all channels, on ours, on KDR's and on the relevant
 ones acts in fresh episodes; the table shows its mean return. Ours takes its automatic number,
-KDR is told how many are relevant. An interrupted run goes on where it was.
+KDR is told how many are relevant. With `again` the second half of the episodes is collected by what
+was learned from the first, and what is seen is chosen anew from all of them, as the selector of a
+running robot does. An interrupted run goes on where it was.
 """
 
 from __future__ import annotations
@@ -29,9 +31,11 @@ from studies.tables import markdown_table
 from studies.tasks import TASKS, what_is_missing
 
 from .fitted_q import REGRESSORS, FittedQ
-from .worlds import LEARNING_TASKS, collect, returns_of
+from .worlds import LEARNING_TASKS, Transitions, collect, returns_of
 
-SEES = ('all', 'ours', 'kdr', 'relevant')
+SEES = ('all', 'ours', 'kdr', 'relevant', 'all_again', 'ours_again', 'relevant_again')
+#: Share of random actions where a learned policy collects.
+EXPLORATION = 0.2
 FRESH_EPISODES = 100
 NUM_DECISIONS = 50
 COLUMNS = ('task', 'episodes', 'sees', 'trial', 'regressor', 'channels', 'behaviour', 'return',
@@ -50,11 +54,12 @@ class Case(NamedTuple):
 def choose(case: Case, episodes: list[Episode]) -> list[int]:
     """Return the channels that the learner sees."""
     task = TASKS[case.task]
-    if case.sees == 'all':
+    chosen_by = case.sees.removesuffix('_again')
+    if chosen_by == 'all':
         return list(range(len(task.channel_names)))
-    if case.sees == 'relevant':
+    if chosen_by == 'relevant':
         return list(task.relevant)
-    if case.sees == 'ours':
+    if chosen_by == 'ours':
         selector = ConditionalMISelector(random_state=case.trial)
     else:
         selector = KDRSelector(len(task.relevant), target=task.target, random_state=case.trial)
@@ -64,20 +69,38 @@ def choose(case: Case, episodes: list[Episode]) -> list[int]:
     )
 
 
+def gather(case: Case, regressor: str, seed: int) -> tuple[list[Episode], Transitions, list[int]]:
+    """Return the episodes of the behaviour, all transitions to learn from, and the channels."""
+    if not case.sees.endswith('_again'):
+        episodes, transitions = collect(case.task, case.episodes, seed)
+        return episodes, transitions, choose(case, episodes)
+    num_actions = LEARNING_TASKS[case.task].num_actions
+    episodes, transitions = collect(case.task, case.episodes // 2, seed)
+    policy = FittedQ(transitions, choose(case, episodes), num_actions, regressor, seed=seed)
+
+    def explore(state, rng):
+        is_random = rng.random() < EXPLORATION
+        return int(rng.integers(num_actions) if is_random else policy.act(state[None])[0])
+
+    rest = case.episodes - len(episodes)
+    improved, further = collect(case.task, rest, seed + 2_000_000, explore)
+    transitions = Transitions(*map(np.concatenate, zip(transitions, further, strict=True)))
+    return episodes, transitions, choose(case, episodes + improved)
+
+
 def run_case(case: Case, regressors: list[str], first_seed: int) -> list[tuple]:
     """Choose, learn and act; return a row of `COLUMNS` for each regressor."""
     warnings.filterwarnings('ignore', message='.*Maximum iterations')  # A few epochs are meant.
     seed = first_seed + case.trial
-    episodes, transitions = collect(case.task, case.episodes, seed)
-    channels = choose(case, episodes)
-    behaviour = np.mean([episode.rewards.sum() for episode in episodes])
     rows = []
     for regressor in regressors:
+        episodes, transitions, channels = gather(case, regressor, seed)
         begin = time.perf_counter()
         policy = FittedQ(
             transitions, channels, LEARNING_TASKS[case.task].num_actions, regressor, seed=seed
         )
         seconds = time.perf_counter() - begin
+        behaviour = np.mean([episode.rewards.sum() for episode in episodes])
         # Fresh episodes are the same ones for all that are compared, and not those learned from.
         returns = returns_of(case.task, policy.act, FRESH_EPISODES, seed + 1_000_000)
         begin = time.perf_counter()

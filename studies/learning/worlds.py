@@ -17,6 +17,9 @@ from studies.tasks import TASKS
 #: Torques among which the pendulum's learner chooses; the behaviour draws one of them.
 TORQUES = (-2.0, 0.0, 2.0)
 
+#: (state, generator) -> action.
+Behaviour = Callable[[np.ndarray, np.random.Generator], int]
+
 
 class Transitions(NamedTuple):
     """Steps of many episodes: state, action, reward, the state reached, whether it ends there.
@@ -42,15 +45,15 @@ class LearningTask(NamedTuple):
         reward and whether it ends there.
     num_actions, num_steps : int
         Actions count from 0; an episode has at most so many steps.
-    behave : callable
-        (state, generator) -> action, of the policy whose episodes one learns from.
+    behave : Behaviour
+        The policy whose episodes one learns from.
 
     """
 
     make: Callable
     num_actions: int
     num_steps: int
-    behave: Callable[[np.ndarray, np.random.Generator], int]
+    behave: Behaviour
 
 
 class _Grid:
@@ -122,16 +125,19 @@ LEARNING_TASKS = {
 assert LEARNING_TASKS.keys() <= TASKS.keys()
 
 
-def collect(name: str, num_episodes: int, seed: int) -> tuple[list[Episode], Transitions]:
-    """Act as the behaviour does; return the same steps as episodes and as transitions."""
+def collect(
+    name: str, num_episodes: int, seed: int, behave: Behaviour | None = None
+) -> tuple[list[Episode], Transitions]:
+    """Act, by default as the task's behaviour; return the steps as episodes and as transitions."""
     task = LEARNING_TASKS[name]
+    behave = behave or task.behave
     world_seed, policy_seed = (int(s) for s in np.random.SeedSequence(seed).generate_state(2))
     world, rng = task.make(world_seed), np.random.default_rng(policy_seed)
     episodes, steps = [], []
     for _ in range(num_episodes):
         state, terminated, begin = world.reset(), False, len(steps)
         while not terminated and len(steps) - begin < task.num_steps:
-            action = task.behave(state, rng)
+            action = behave(state, rng)
             reached, reward, terminated = world.step(action)
             steps.append((state, action, reward, reached, terminated))
             state = reached

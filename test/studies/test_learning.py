@@ -92,6 +92,16 @@ def test_an_interrupted_study_goes_on_where_it_was(tmp_path, capsys):
     assert '| without_gravel | 10 | nearest | relevant | 2.0 |' in capsys.readouterr().out
 
 
+def test_the_second_half_is_collected_by_what_was_learned():
+    case = curves.Case('without_gravel', 60, 'relevant_again', 0)
+    episodes, transitions, channels = curves.gather(case, 'nearest', seed=0)
+    num_before = sum(map(len, episodes))
+    assert (len(episodes), channels) == (30, [0, 1])
+    # What was learned walks to where it pays, in more than half of the actions.
+    first, later = transitions.rewards[:num_before], transitions.rewards[num_before:]
+    assert later.mean() > 1.5 * first.mean()
+
+
 def test_another_file_is_refused(tmp_path, capsys):
     path = tmp_path / 'other.csv'
     path.write_text('a,b\n1,2\n')
