@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import numpy as np
+
+from cmifs_ros.core import ConditionalMISelector, Episode
 from cmifs_ros.core.selection import Selection, select
 
 from .worker import report_progress
@@ -10,3 +13,9 @@ from .worker import report_progress
 def run_selection(episodes, channel_names, method: str, settings: dict, options: dict) -> Selection:
     """Return what `select` finds; tell the node how far it is."""
     return select(episodes, channel_names, method, settings, progress=report_progress, **options)
+
+
+def prepare() -> None:
+    """Select from a few numbers, for which all that is compiled has to be compiled and loaded."""
+    rng = np.random.default_rng(0)
+    ConditionalMISelector().fit([Episode(rng.normal(size=(3, 2)), [0, 0, i]) for i in range(4)])

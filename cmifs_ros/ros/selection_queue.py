@@ -5,11 +5,12 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import suppress
 from dataclasses import dataclass
 
 from cmifs_ros.core.selection import Selection
 
-from .selection_job import run_selection
+from .selection_job import prepare, run_selection
 from .worker import WorkerProcess
 
 CANCELLED = 'the selection was cancelled'
@@ -101,7 +102,9 @@ class SelectionQueue:
         self._current_revision = current_revision
         self._on_outcome = on_outcome
         self.timeout = timeout
-        self._worker = WorkerProcess()
+        self._worker = WorkerProcess(prepare)
+        with suppress(OSError):  # It is told when a selection asks for one in vain.
+            self._worker.start()
         self._running: Job | None = None
         self._started_at = 0.0
         self._joined: list[Callable[[Outcome], None]] = []

@@ -24,9 +24,16 @@ class WorkerProcess:
     that hold them. It ignores Ctrl-C, runs at a lower priority than the robot's controllers,
     keeps the linear algebra library to one thread, and ends when its parent does, however
     that ends.
+
+    Parameters
+    ----------
+    prepare : callable
+        What every new process does first, so that a job need not: loading, compiling.
+
     """
 
-    def __init__(self):
+    def __init__(self, prepare: Callable[[], None]):
+        self._prepare = prepare
         self._pool: ProcessPoolExecutor | None = None
         self._process: multiprocessing.process.BaseProcess | None = None
         self._future: Future | None = None
@@ -48,6 +55,17 @@ class WorkerProcess:
         """Process id, or None when no process runs."""
         alive = self._process is not None and self._process.is_alive()
         return self._process.pid if alive else None
+
+    def start(self) -> None:
+        """Start the process before there is a job, which then finds it prepared.
+
+        Raises
+        ------
+        OSError
+            If the system gives no process.
+
+        """
+        self._submit(os.getpid)
 
     def submit(self, function: Callable, *args) -> None:
         """Start a job; `function`, its arguments and its result have to be picklable.
@@ -100,7 +118,10 @@ class WorkerProcess:
         if quiet not in sys.warnoptions:
             sys.warnoptions.append(quiet)
         self._pool = ProcessPoolExecutor(
-            1, mp_context=self._context, initializer=_prepare, initargs=(self._done,)
+            1,
+            mp_context=self._context,
+            initializer=_initialize,
+            initargs=(self._done, self._prepare),
         )
         others = set(multiprocessing.active_children())
         # The child inherits the mask: Ctrl-C reaches the whole terminal group, and a worker
@@ -120,12 +141,13 @@ def report_progress(fraction: float) -> None:
     _shared['done'].value = fraction
 
 
-def _prepare(done: ctypes.c_double) -> None:
+def _initialize(done: ctypes.c_double, prepare: Callable[[], None]) -> None:
     _shared['done'] = done
     for library in ('OPENBLAS', 'MKL', 'OMP', 'BLIS'):  # Read when NumPy is first imported.
         os.environ[f'{library}_NUM_THREADS'] = '1'
     os.nice(5)
     end_with_parent()
+    prepare()
 
 
 def end_with_parent() -> None:

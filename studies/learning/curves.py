@@ -200,7 +200,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
         help='to learn from (default %(default)s)',
     )  # fmt: skip
     parser.add_argument('--trials', type=number_from(1), default=20, help='default 20')
-    parser.add_argument('--first-seed', type=number_from(0), default=0, help='default 0')
+    parser.add_argument('--first-seed', type=number_from(0), default=1000, help='default 1000')
     parser.add_argument('--jobs', type=number_from(1), help='processes (default: one a core)')
     parser.add_argument(
         '--out', type=Path, default=Path('learning/trials.csv'),

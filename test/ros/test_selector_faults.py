@@ -40,6 +40,11 @@ def selector(start, robot):
     return node
 
 
+def test_the_worker_is_there_before_the_first_episode(selector, robot):
+    robot.until(lambda: robot.diagnostics[SELECTION][2]['worker pid'] != 'none')
+    assert robot.diagnostics[SELECTION][2]['worker'] == 'idle'
+
+
 def test_a_worker_may_be_killed_again_and_again(selector, robot):
     def kill_worker(state):
         robot.diagnostics.clear()
