@@ -11,8 +11,8 @@ What makes it fast, and why each is exact:
 - A shift leaves the Krylov space of (H, h) unchanged, so one Lanczos run serves all
   regularisations (Golub & Van Loan, Matrix Computations, 10.3). Each vector is orthogonalised
   against all earlier ones, which makes the solutions exact to `_RTOL`.
-- What runs most often is plain loops, which become vector instructions: the matrices are so small
-  that a call of BLAS takes longer than its work, but for products of two of them.
+- Products with a vector and exponentials are written out, so that they become vector instructions:
+  a call of BLAS takes longer than a product this small, and the library's exp knows one number.
 """
 
 from __future__ import annotations
@@ -123,8 +123,7 @@ def _add_distances(values, centers, distances):
 def _gaussians(distances, factor, out):
     """Set out to exp(factor * distances), with an absolute error below 1e-13.
 
-    With vector instructions, which the library's has none of: 256 times closer to 0 a Taylor
-    series is short, and its result is squared 8 times.
+    256 times closer to 0 a short Taylor series will do; its sum is squared 8 times.
     """
     flat, flat_out = distances.reshape(-1), out.reshape(-1)
     for i in range(len(flat)):
@@ -159,24 +158,17 @@ def _solutions(matrix, h, regularizations):
 
 @njit(**_COMPILED)
 def _lanczos(matrix, start, shift):
-    """Return an orthonormal basis of a Krylov space, and the matrix on it, which is tridiagonal.
+    """Return the Krylov space of a unit vector (B,), large enough for the system with the shift.
 
-    The space is that of a unit vector, which is overwritten, and large enough for the system with
-    this shift.
-
-    Returns
-    -------
-    basis : numpy.ndarray, shape (k, B)
-    diagonal : numpy.ndarray, shape (k,)
-    coupling : numpy.ndarray, shape (k,)
-        What is beside the diagonal; the last leads out of the space.
-
+    That is an orthonormal basis (k, B), and the matrix on it, which is tridiagonal: its diagonal
+    (k,) and what is beside it (k,), of which the last leads out of the space. The unit vector is
+    overwritten.
     """
     size = len(start)
     basis, numbers = np.empty((size, size)), np.empty((3, size))
     diagonal, coupling, components = numbers[0], numbers[1], numbers[2]
     vector, length, scale, count = start, 1.0, 0.0, 0
-    pivot, last = np.inf, -1.0  # of the elimination, and the last component of the solution
+    pivot, last = np.inf, -1.0  # of the elimination; the last component of the solution
     while True:
         k = count
         count += 1
@@ -184,7 +176,9 @@ def _lanczos(matrix, start, shift):
             basis[k, b] = vector[b] / length
         _multiply(matrix, basis[k], vector)
         _multiply(basis[:count], vector, components)
-        _subtract(components, basis[:count], vector)
+        for i in range(count):
+            for b in range(size):
+                vector[b] -= components[i] * basis[i, b]
         diagonal[k] = components[k]
         pivot = diagonal[k] + shift - length**2 / pivot
         last *= -length / pivot
@@ -209,19 +203,6 @@ def _multiply(matrix, vector, out):
         out[i], out[i + 1], out[i + 2], out[i + 3] = p, q, r, s
     for i in range(whole, len(matrix)):
         out[i] = _dot(matrix[i], vector)
-
-
-@njit(**_COMPILED)
-def _subtract(weights, rows, out):
-    """Subtract weights @ rows from out, four rows at a time."""
-    whole = len(rows) - len(rows) % 4
-    for i in range(0, whole, 4):
-        p, q, r, s = weights[i], weights[i + 1], weights[i + 2], weights[i + 3]
-        for b in range(len(out)):
-            out[b] -= p * rows[i, b] + q * rows[i + 1, b] + r * rows[i + 2, b] + s * rows[i + 3, b]
-    for i in range(whole, len(rows)):
-        for b in range(len(out)):
-            out[b] -= weights[i] * rows[i, b]
 
 
 @njit(**_COMPILED)
