@@ -40,6 +40,7 @@ class TrialLog:
         self.outcomes: dict[Trial, Outcome] = {}
         if path is None:
             return
+        path.parent.mkdir(parents=True, exist_ok=True)
         content = path.read_bytes() if path.exists() else b''
         complete = content[: content.rfind(b'\n') + 1]
         if complete != content:

@@ -13,6 +13,7 @@ from pathlib import Path
 
 from cmifs_ros.core import Episode
 
+from .drops import explained
 from .reward_reader import RewardReader
 from .robot_file import RobotFile
 from .sampler import SECOND, Sampler, event_time
@@ -39,7 +40,8 @@ class BagEpisodes:
     num_messages : int
         Messages read of the topics that were asked for.
     dropped : dict of str to int
-        How many messages, steps and episodes were dropped, by cause.
+        How many messages, steps and episodes were dropped, by cause; causes first, then what
+        follows from them.
 
     """
 
@@ -95,8 +97,9 @@ def episodes_of_bag(
                 collector.add(topic, message, now if has_clock else recorded)
                 count += 1
     names, dropped = collector.finish()
-    dropped |= {f'messages, {cause}': n for cause, n in assembler.dropped_messages.items()}
-    dropped |= {f'episodes, {cause}': n for cause, n in assembler.dropped_episodes.items()}
+    counters = ('messages', assembler.dropped_messages), ('episodes', assembler.dropped_episodes)
+    for what, counts in counters:
+        dropped |= {explained(what, cause): n for cause, n in counts.items()}
     return BagEpisodes(names, collector.episodes, count, dropped)
 
 
@@ -116,7 +119,10 @@ def open_bag(path: str | Path) -> Iterator:
         reader = AnyReader([Path(path)], default_typestore=get_typestore(Stores.ROS2_JAZZY))
         reader.open()
     except Exception as error:  # A foreign or torn file breaks its readers in many ways.
-        raise BagError(f'{path} cannot be read as a bag: {_shown(error)}; {_MEND}') from error
+        raise BagError(
+            f'{path} cannot be read as a bag: {_shown(error)}; expected a folder with its '
+            f'metadata.yaml, or a file .mcap, .db3 or .bag; {_MEND}'
+        ) from error
     try:
         yield reader
     finally:
@@ -169,7 +175,8 @@ class _Sampled:
             f'wrong messages of {t}, such as: {self._sampler.last_wrong[t]}': n
             for t, n in self._sampler.wrong.items()
         }
-        dropped |= {f'steps without {name}': n for name, n in self._sampler.missing.items()}
+        lacking = self._sampler.lacking(self._sampler.missing)
+        dropped |= {f'steps without {what}': n for what, n in lacking.items()}
         return tuple(self._names), dropped
 
 
@@ -191,16 +198,18 @@ class _StatesAndRewards:
         return f'{spaces[0]}/state', f'{spaces[0]}/reward'
 
     def add(self, topic: str, message, recorded: int) -> None:
+        is_state = topic.endswith('/state')
         try:
             stamp = event_time(message) or recorded
             names, values = list(message.name), array('d', message.position)
-            if topic.endswith('/state'):
+            if is_state:
                 self.episodes += self._assembler.add_state(stamp, names, values)
             else:
                 sample = self._reader.read(names, values)
                 self.episodes += self._assembler.add_reward(stamp, sample)
         except (AttributeError, TypeError, ValueError) as error:
-            self._assembler.drop_message('malformed', f'{topic}: {error}')
+            cause = 'unusable_state' if is_state else 'malformed_reward'
+            self._assembler.drop_message(cause, f'{topic}: {error}')
 
     def finish(self) -> tuple[tuple[str, ...], dict[str, int]]:
         return self._assembler.channel_names or (), {}

@@ -10,6 +10,8 @@ import numpy as np
 
 from cmifs_ros.core import Episode
 
+from .words import counted
+
 
 class EpisodeBuffer:
     """Keep the newest episodes; the oldest leave when there is no room for a new one.
@@ -91,7 +93,7 @@ class EpisodeBuffer:
         held = next(iter(self._episodes.values()), episode)
         if episode.num_channels != held.num_channels:
             raise ValueError(
-                f'the episode has {episode.num_channels} channels; '
+                f'the episode has {counted(episode.num_channels, "channel")}; '
                 f'expected {held.num_channels} as in the episodes held'
             )
         if self.max_bytes is not None and episode.nbytes > self.max_bytes:

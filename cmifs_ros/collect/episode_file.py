@@ -39,6 +39,7 @@ from cmifs_ros.core.selection import Selection
 
 from .selection_fields import count_of, list_of, names_of, selection_of
 from .state_reader import MAX_CHANNELS
+from .words import counted
 
 VERSION = 3
 #: What can be read: version 2 differs by the selection, which has no evidence there.
@@ -262,7 +263,7 @@ def read(path: str | os.PathLike, max_episodes: int, max_bytes: int) -> Saved:
                 f'is truncated: it has {size} bytes; expected at least {end + _DIGEST_SIZE}'
             )
         if lengths and not channel_names:
-            raise RefusedFileError(f'has {len(lengths)} episodes without channels')
+            raise RefusedFileError(f'has {counted(len(lengths), "episode")} without channels')
         places = deque(maxlen=max_episodes)  # the first byte and the length of an episode
         begin = file.tell()
         for length in lengths:

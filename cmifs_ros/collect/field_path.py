@@ -11,6 +11,7 @@ import re
 from dataclasses import dataclass
 
 from .state_reader import MAX_CHANNELS, MAX_NAME_LENGTH
+from .words import counted
 
 MAX_PARTS = 16
 _MAX_INDEX = 10**7
@@ -83,7 +84,8 @@ class FieldPath:
             order = list(getattr(parent, 'name', ()))
             if len(order) != len(value):
                 raise MissingFieldError(
-                    f'{self.topic} has {len(value)} values for {len(order)} names'
+                    f'{self.topic} has {counted(len(value), "value")} for '
+                    f'{counted(len(order), "name")}'
                 )
             missing = [name for name in self.names if name not in order]
             if missing:
@@ -92,7 +94,8 @@ class FieldPath:
         if self.indices:
             if len(value) <= max(self.indices):
                 raise MissingFieldError(
-                    f'{self.topic} has {len(value)} values; expected more than {max(self.indices)}'
+                    f'{self.topic} has {counted(len(value), "value")}; '
+                    f'expected more than {max(self.indices)}'
                 )
             return [value[index] for index in self.indices]
         return [value]

@@ -8,8 +8,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from .episode_buffer import EpisodeBuffer
-from .state_reader import listed
 from .transitions import EpisodeAssembler
+from .words import counted, listed
 
 #: Seconds without a message after which a topic counts as silent.
 SILENCE = 5.0
@@ -128,7 +128,7 @@ class InputWatch:
         if recent:
             return Assessment('WARN', 'drops', f'dropping: {self._words(recent)}')
         copies = self._buffer.num_repeated
-        what = f'; {copies} repeated episodes were not kept' if copies else ''
+        what = f'; {counted(copies, "repeated episode")} not kept' if copies else ''
         return Assessment('OK', 'none', f'collecting{what}')
 
     def _problem_of_channels(self) -> Assessment | None:

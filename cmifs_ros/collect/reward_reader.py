@@ -5,8 +5,8 @@ from __future__ import annotations
 from array import array
 from math import isfinite
 
-from .state_reader import listed
 from .transitions import RewardSample
+from .words import counted, listed
 
 
 class RewardReader:
@@ -29,7 +29,8 @@ class RewardReader:
 
         """
         if len(names) != len(values):
-            raise ValueError(f'{len(values)} positions for {len(names)} names; expected as many')
+            positions = counted(len(values), 'position')
+            raise ValueError(f'{positions} for {counted(len(names), "name")}; expected as many')
         if names != self._names:
             column_of = {name: column for column, name in enumerate(names)}
             if 'reward' not in column_of:

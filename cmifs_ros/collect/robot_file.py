@@ -23,6 +23,7 @@ OWN_VALUES = frozenset({'step', 'succeeded', 'aborted', 'canceled'})
 #: Names that mean something else in an expression.
 _TAKEN = OWN_VALUES | set(FUNCTIONS) | {'before'}
 STATUS = '/_action/status'
+_EXPECTED = 'expected a robot file; make_robot_file writes a first one'
 _TYPE = re.compile(r'[a-z][a-z0-9_]*/msg/[A-Za-z][A-Za-z0-9]*')
 
 
@@ -122,19 +123,22 @@ def load_robot_file(path: str | Path) -> RobotFile:
     Raises
     ------
     RobotFileError
-        With all mistakes, a line each.
-    OSError
-        If it cannot be read.
+        If it cannot be read, or with all mistakes, a line each.
 
     """
-    with open(path, 'rb') as file:
-        content = file.read(MAX_SIZE + 1)
+    try:
+        with open(path, 'rb') as file:
+            content = file.read(MAX_SIZE + 1)
+    except OSError as error:
+        raise RobotFileError(f'{path} cannot be read ({error.strerror}); {_EXPECTED}') from None
+    if not content.strip():
+        raise RobotFileError(f'{path} is empty; {_EXPECTED}')
     if len(content) > MAX_SIZE:
-        raise RobotFileError(f'{path}: more than {MAX_SIZE} bytes; expected a robot file')
+        raise RobotFileError(f'{path} has more than {MAX_SIZE} bytes; {_EXPECTED}')
     try:
         return parse_robot_file(content.decode())
     except UnicodeDecodeError:
-        raise RobotFileError(f'{path}: no text; expected a robot file in YAML') from None
+        raise RobotFileError(f'{path} is no text; {_EXPECTED}') from None
     except RobotFileError as error:
         raise RobotFileError(f'{path}:\n{error}') from None
 

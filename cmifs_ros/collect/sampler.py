@@ -11,12 +11,14 @@ import heapq
 import math
 from array import array
 from collections import Counter, deque
+from collections.abc import Mapping
 from typing import NamedTuple
 
 from .expression import Expression
 from .field_path import FieldPath, MissingFieldError
 from .robot_file import OWN_VALUES, STATUS, RobotFile, Source
 from .transitions import RewardSample
+from .words import counted, listed
 
 SECOND = 1_000_000_000
 #: A message this far from the others is wrong; two of a topic in a row: the clock was set.
@@ -187,6 +189,31 @@ class Sampler:
         """Count a message that cannot be used."""
         self.wrong[topic] += 1
         self.last_wrong[topic] = what[:300]
+
+    def lacking(self, missing: Mapping[str, int]) -> Counter[str]:
+        """Return how many steps lacked something, by what in words.
+
+        What one topic lacked equally often has one cause, and is told once.
+
+        Parameters
+        ----------
+        missing : mapping of str to int
+            As the attribute, or of some of the steps.
+
+        """
+        of = {source.name: (source.path.topic, source.is_channel) for source in self._robot.sources}
+        alike: dict[tuple, list[str]] = {}
+        for name, count in missing.items():
+            alike.setdefault((of.get(name, name), count), []).append(name)
+        words: Counter[str] = Counter()
+        for (origin, count), names in alike.items():
+            what = names[0]
+            if len(names) > 1:
+                topic, is_channel = origin
+                noun = 'channel' if is_channel else 'value'
+                what = f'{counted(len(names), noun)} of {topic} ({listed(names)})'
+            words[what] = count
+        return words
 
     def _read(self, topic: str, message) -> dict:
         """Return what the message says, so that itself need not be kept."""

@@ -6,7 +6,7 @@ import dataclasses
 
 from cmifs_ros.core.selection import Selection
 
-from .state_reader import listed
+from .words import counted, listed
 
 NOTHING_SELECTED = 'no evidence that any sensor tells about the return'
 _EVIDENCE = ('statuses', 'pvalues', 'null_scores', 'spoke_by', 'stability')
@@ -29,19 +29,20 @@ def headline(selection: Selection) -> str:
     if is_tentative(selection):
         pvalue, best = min(zip(selection.pvalues, selection.ranking, strict=True))
         return (
-            f'nothing confirmed yet; {selection.episodes} episodes, '
+            f'nothing confirmed yet; {counted(selection.episodes, "episode")}, '
             f'best so far {listed([best])}, p = {pvalue:.2g}'
         )
     if not selection.indices:
-        return NOTHING_SELECTED
+        sizes = counted(selection.episodes, 'episode')
+        return f'{NOTHING_SELECTED}; {sizes}: more may show it, if the reward is what the task pays'
     return f'selected {listed(selection.names)}'
 
 
 def change(selection: Selection) -> str:
     """Return that the task has changed, of a selection that left out what is outdated."""
     return (
-        f'the task has changed: the oldest {selection.outdated} episodes no longer fit the newest '
-        f'{selection.episodes} and are forgotten'
+        f'the task has changed: the oldest {counted(selection.outdated, "episode")} no longer fit '
+        f'the newest {selection.episodes}, and are forgotten'
     )
 
 
@@ -59,7 +60,8 @@ def evidence(selection: Selection) -> str:
     parts = [listed(shown)] if shown else []
     parts += [f'rejected {listed(rejected)}'] if rejected else []
     parts.append(
-        f'{selection.episodes} episodes, {selection.steps} steps, {selection.seconds:.1f} s'
+        f'{counted(selection.episodes, "episode")}, {counted(selection.steps, "step")}, '
+        f'{selection.seconds:.1f} s'
     )
     return '; '.join(parts)
 

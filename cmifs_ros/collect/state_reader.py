@@ -9,6 +9,8 @@ from math import inf, isfinite, isinf, isnan
 
 import numpy as np
 
+from .words import counted, listed
+
 #: Greatest number of channels, and of characters of a name.
 MAX_CHANNELS = 4096
 MAX_NAME_LENGTH = 256
@@ -107,7 +109,7 @@ class StateReader:
                 self.foreign, self.last_foreign = names, odd
                 self._drop(
                     'wrong_channels',
-                    f'a state differs from the {len(self.channel_names)} known channels '
+                    f'a state differs from the {counted(len(self.channel_names), "known channel")} '
                     f'by {listed(odd)}',
                 )
                 return False
@@ -159,7 +161,8 @@ class StateReader:
 def problem_of_state(names: Sequence[str], values: Sequence[float]) -> tuple[str, str] | None:
     """Return the cause and a sentence if a state is of no use whatever the channels are."""
     if len(names) != len(values) or not names:
-        return 'wrong_length', f'a state has {len(values)} values for {len(names)} names'
+        values_for_names = f'{counted(len(values), "value")} for {counted(len(names), "name")}'
+        return 'wrong_length', f'a state has {values_for_names}'
     problem = problem_of_names(names)
     return ('wrong_channels', f'a state has {problem}') if problem else None
 
@@ -173,10 +176,3 @@ def problem_of_names(names: Sequence[str]) -> str:
     if len(set(names)) < len(names):
         return f'repeated names: {listed(names)}'
     return ''
-
-
-def listed(names: Sequence[str]) -> str:
-    """Return names as a text that stays short, however many and long they are."""
-    shown = [name if len(name) <= 32 else f'{name[:30]}..' for name in names[:8]]
-    more = [f'{len(names) - 8} more'] if len(names) > 8 else []
-    return ', '.join(shown + more)

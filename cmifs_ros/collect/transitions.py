@@ -15,7 +15,8 @@ import numpy as np
 
 from cmifs_ros.core import Episode
 
-from .state_reader import StateReader, listed, problem_of_state
+from .state_reader import StateReader, problem_of_state
+from .words import listed
 
 #: States or rewards that wait for their partner; as many as the subscriptions queue.
 MAX_PENDING = 1000

@@ -15,6 +15,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from cmifs_ros.collect.state_reader import MAX_CHANNELS
 from cmifs_ros.collect.transitions import RewardSample
+from cmifs_ros.collect.words import counted
 
 NANOSECONDS = 1_000_000_000
 
@@ -100,7 +101,8 @@ class FieldReader:
         for field in self._fields:
             part = getattr(msg, field)
             if len(part) != len(msg.name):
-                raise ValueError(f'there are {len(part)} values of {field}, {len(msg.name)} names')
+                values_of = f'{field} has {counted(len(part), "value")}'
+                raise ValueError(f'{values_of} for {counted(len(msg.name), "name")}')
             values += part
         if msg.name != self._names:
             self._names = msg.name

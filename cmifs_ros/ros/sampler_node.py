@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from functools import partial
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -16,11 +17,12 @@ from std_msgs.msg import Header
 
 from cmifs_ros.collect.robot_file import STATUS, load_robot_file
 from cmifs_ros.collect.sampler import Sampler, Step
-from cmifs_ros.collect.state_reader import listed
+from cmifs_ros.collect.words import listed
 
 from . import conversions, diagnostics
 from .following_subscription import FollowingSubscription
 from .parameters import warn_of_unknown
+from .run_node import run_node
 from .sampler_status import SamplerStatus
 
 #: Seconds without any message after which none is waited for.
@@ -36,10 +38,7 @@ class SamplerNode(Node):
         warn_of_unknown(self, ['robot_file'])
         if not path:
             raise ValueError('robot_file is empty; expected the path of a robot file')
-        try:
-            self._robot = load_robot_file(path)
-        except OSError as error:
-            raise ValueError(f'robot_file cannot be read: {error}') from None
+        self._robot = load_robot_file(path)
         self._names = self._robot.channel_names
         self._sampler = Sampler(self._robot)
         stream = QoSProfile(depth=1000)
@@ -141,3 +140,7 @@ class SamplerNode(Node):
                 self.get_clock().now().to_msg(), *self._status.statuses(problems)
             )
         )
+
+
+if __name__ == '__main__':
+    sys.exit(run_node('sampler_node', 'SamplerNode'))

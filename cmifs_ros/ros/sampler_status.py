@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from diagnostic_msgs.msg import DiagnosticStatus
 
 from cmifs_ros.collect.sampler import Sampler
-from cmifs_ros.collect.state_reader import listed
+from cmifs_ros.collect.words import counted, listed
 
 from . import diagnostics
 
@@ -18,6 +18,8 @@ from . import diagnostics
 _WINDOW = 10
 #: Seconds of silence after which a topic is called so, unless what it tells may be older.
 _SILENCE = 5.0
+#: Of what steps lack so much is told, the most frequent.
+_MAX_CAUSES = 8
 
 
 class SamplerStatus:
@@ -75,12 +77,14 @@ class SamplerStatus:
         return [self._steps(now, past, seconds, problems), *topics]
 
     def _steps(self, now: dict, past: dict, seconds: float, problems) -> DiagnosticStatus:
+        sampler = self._sampler
         moments, lacking = now['moments'] - past['moments'], now['missing'] - past['missing']
         level, message = diagnostics.OK, 'steps are made'
         if lacking:
-            shown = [f'{name} {count}' for name, count in lacking.most_common()]
+            causes = sampler.lacking(lacking).most_common(_MAX_CAUSES)
+            shown = ', '.join(f'{what} {count}' for what, count in causes)
             level = diagnostics.WARN
-            message = f'of the last {moments} steps lack: {listed(shown)}; they break episodes'
+            message = f'of the last {counted(moments, "step")} lack: {shown}; they break episodes'
         elif problems:
             level, message = diagnostics.WARN, f'wanting: {listed(sorted(problems))}'
         elif not moments:
@@ -90,8 +94,8 @@ class SamplerStatus:
             'moments': now['moments'],
             'steps per s': _rate(now['steps'] - past['steps'], seconds),
             **{
-                f'missing: {name}': f'{count} of {now["moments"]}'
-                for name, count in now['missing'].most_common(8)
+                f'missing: {what}': f'{count} of {now["moments"]}'
+                for what, count in sampler.lacking(now['missing']).most_common(_MAX_CAUSES)
             },
         }
         return diagnostics.status(f'{self._name}: steps', level, message, values)

@@ -17,6 +17,7 @@ from cmifs_ros.collect.episode_buffer import EpisodeBuffer
 from cmifs_ros.collect.input_watch import InputWatch, Topic
 from cmifs_ros.collect.reward_reader import RewardReader
 from cmifs_ros.collect.transitions import EpisodeAssembler, RewardSample
+from cmifs_ros.collect.words import counted
 from cmifs_ros.core import Episode
 
 from . import conversions, diagnostics
@@ -175,7 +176,10 @@ class SelectorInput:
 
     def _lost(self, topic: str, count: int) -> None:
         self.assembler.drop_message(
-            f'lost_{topic}', f'{count} messages of {topic} on their way', count=count
+            'lost_on_the_way',
+            f'{counted(count, "message")} of {topic} got lost on the way: more come at once than '
+            'are taken',
+            count=count,
         )
 
     def _announce(self, sample: RewardSample) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
-import os
+import sys
 import time
 from array import array
 from collections.abc import Sequence
@@ -20,13 +20,11 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Header, Int32MultiArray
 from std_srvs.srv import Trigger
 
-from cmifs_ros.collect import episode_file
 from cmifs_ros.collect.drift import Drift
 from cmifs_ros.collect.episode_buffer import EpisodeBuffer
 from cmifs_ros.collect.episode_file import Saved
-from cmifs_ros.collect.episode_saver import EpisodeSaver
+from cmifs_ros.collect.reward_check import problem_of_rewards
 from cmifs_ros.collect.selection_report import (
-    NOTHING_SELECTED,
     change,
     evidence,
     headline,
@@ -35,13 +33,14 @@ from cmifs_ros.collect.selection_report import (
     reply_of,
 )
 from cmifs_ros.collect.state_filter import StateFilter
-from cmifs_ros.collect.state_reader import listed
+from cmifs_ros.collect.words import counted, listed
 from cmifs_ros.core import Episode
 from cmifs_ros.core.selection import Selection
 
 from . import conversions, diagnostics, selector_status
 from .deferred_service import answer_later
 from .parameters import declare
+from .run_node import run_node
 from .selection_queue import Job, Outcome, RefusedError, SelectionQueue
 from .selector_input import SelectorInput
 from .selector_parameters import (
@@ -51,6 +50,7 @@ from .selector_parameters import (
     check_parameters,
     selector_settings,
 )
+from .selector_storage import SelectorStorage
 
 STREAM_QOS = QoSProfile(depth=1000)
 LATCHED_QOS = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -62,6 +62,7 @@ _LAST_ANSWER = 0.5
 #: Seconds between two lines of how many episodes there are.
 _PROGRESS_PERIOD = 10.0
 
+NOTHING_SO_FAR = diagnostics.OK, ''
 CLEARED_MEANWHILE = 'the selection is not used: its episodes were cleared meanwhile'
 
 
@@ -87,14 +88,13 @@ class SelectorNode(Node):
         self._selected_at = -math.inf
         self._cause = ''  # of the selection
         self._selected_from: Sequence[Episode] = ()
-        self._so_far = ''  # what was found without anything being confirmed
+        self._so_far = NOTHING_SO_FAR  # level and message where nothing is confirmed
         self._filter: StateFilter | None = None
         self._drift: Drift | None = None
         self._selected_state = JointState()
         self._last_error = ''
         self._counted_at, self._counted = -math.inf, 0
-        self._saver: EpisodeSaver | None = None
-        self._warned_storage = self._storage_error = ''
+        self._storage: SelectorStorage | None = None
 
         self._indices_publisher = self.create_publisher(
             Int32MultiArray, 'selected_indices', LATCHED_QOS
@@ -126,14 +126,15 @@ class SelectorNode(Node):
         self._selection_timer = None
         self._set_selection_period(self._settings['selection_period'])
         if self._settings['episodes_path']:
-            self._restore(os.path.abspath(self._settings['episodes_path']))
+            self._storage = SelectorStorage(self, self._settings['episodes_path'])
+            self._restore()
         self.get_logger().info(f'waiting for {" and ".join(self._input.topics)}')
 
     def destroy_node(self) -> None:
         """End the worker process and the last save, answer who waits, then end the node."""
         has_answered = self._queue.stop()
-        if self._saver is not None:
-            self._saver.stop()
+        if self._storage is not None:
+            self._storage.stop()
         if has_answered:  # What a client has not read yet is lost with this process.
             time.sleep(_LAST_ANSWER)
         super().destroy_node()
@@ -154,7 +155,7 @@ class SelectorNode(Node):
         self._revision += 1
         if self._drift is not None:
             self._drift.add(episode)
-        if self._saver is not None and not self._saver.append(episode, self._channel_names):
+        if self._storage is not None and not self._storage.append(episode, self._channel_names):
             self._save()
 
     def _relay(self, header: Header, names: list[str], values: array) -> None:
@@ -191,8 +192,8 @@ class SelectorNode(Node):
 
     def _restart(self) -> None:
         self.get_logger().warning(
-            f'the states come with other channels: {len(self._buffer)} episodes are forgotten '
-            '(restart_on_new_channels)'
+            'the states come with other channels (restart_on_new_channels): '
+            f'{counted(len(self._buffer), "episode")} forgotten'
         )
         self._clear()
 
@@ -208,7 +209,7 @@ class SelectorNode(Node):
         self._input.assembler.clear()
         self._revision += 1
         self._generation += 1
-        self._last_error = self._so_far = ''
+        self._last_error, self._so_far = '', NOTHING_SO_FAR
         self._drift = None
         self._save()
 
@@ -244,7 +245,7 @@ class SelectorNode(Node):
         if len(self._buffer) < values['min_episodes']:
             problem = self._input.problem
             raise RefusedError(
-                f'there are {len(self._buffer)} episodes; a selection needs at least '
+                f'{counted(len(self._buffer), "episode")} so far; a selection needs at least '
                 f'{values["min_episodes"]} (min_episodes)' + (f'; {problem}' if problem else '')
             )
         try:
@@ -253,6 +254,11 @@ class SelectorNode(Node):
             raise RefusedError(str(error)) from None
         settings = selector_settings(values, names)
         episodes = self._buffer.snapshot()
+        problem = problem_of_rewards(episodes) if values['method'] != 'kdr' else ''
+        if problem:
+            self._so_far = diagnostics.WARN, problem
+            self.get_logger().warning(f'no selection: {problem}')
+            raise RefusedError(problem)
         in_use = self._selection.confirmed if self._selection is not None else ()
         least_kept = values['min_episodes'] if values['forget_outdated'] else None
         options = {'start': in_use, 'least_kept': least_kept}
@@ -283,14 +289,11 @@ class SelectorNode(Node):
             self.get_logger().info(change(selection))
             self._buffer.forget(selected_from[: selection.outdated])
             self._save()
-        if is_tentative(selection):
-            self._so_far = headline(selection)
+        if not selection.indices:
+            level = diagnostics.OK if is_tentative(selection) else diagnostics.WARN
+            self._so_far = level, headline(selection)
             self.get_logger().info(f'{headline(selection)}: {evidence(selection)}')
             return outcome
-        if not selection.indices:
-            self._last_error = NOTHING_SELECTED
-            self.get_logger().warning(f'{NOTHING_SELECTED}: {evidence(selection)}')
-            return dataclasses.replace(outcome, error=NOTHING_SELECTED)
         if is_news(selection, self._selection):
             self.get_logger().info(f'{headline(selection)}: {evidence(selection)}')
         self._use(selection, time.monotonic(), outcome.cause)
@@ -299,6 +302,7 @@ class SelectorNode(Node):
 
     def _use(self, selection: Selection, selected_at: float, cause: str) -> None:
         self._selection, self._selected_at, self._cause = selection, selected_at, cause
+        self._so_far = NOTHING_SO_FAR
         self._filter = StateFilter(selection.names)
         self._drift = Drift(selection, self._settings['min_episodes'])
         self._indices_publisher.publish(conversions.indices_to_msg(selection.indices))
@@ -309,22 +313,9 @@ class SelectorNode(Node):
 
     # --- storage
 
-    def _restore(self, path: str) -> None:
-        """Take up what the last run left; a file that cannot be used is kept aside."""
-        self._saver = EpisodeSaver(path)
-        try:
-            saved = episode_file.read(path, self._buffer.max_episodes, self._buffer.max_bytes)
-        except FileNotFoundError:
-            return
-        except (OSError, episode_file.RefusedFileError) as error:
-            reason = error.strerror if isinstance(error, OSError) else error
-            try:
-                aside = f'is kept as {episode_file.set_aside(path)}'
-            except OSError as failure:  # Nor may it be overwritten.
-                self._saver.stop()
-                self._saver = None
-                aside = f'stays ({failure.strerror}), and nothing is saved'
-            self._storage_error = f'{path} {reason}; it {aside}, and the selector starts empty'
+    def _restore(self) -> None:
+        saved = self._storage.restore(self._buffer.max_episodes, self._buffer.max_bytes)
+        if saved is None:
             return
         for episode in saved.episodes:
             self._buffer.append(episode)
@@ -333,21 +324,12 @@ class SelectorNode(Node):
         if saved.selection is not None:
             age = max(0.0, time.time() - saved.selected_at)
             self._use(saved.selection, time.monotonic() - age, 'read from the file')
-        names = saved.selection.names if saved.selection is not None else ['nothing']
-        self.get_logger().info(
-            f'{path}: {len(saved.episodes)} episodes are back, and the selection of {listed(names)}'
-        )
-        if saved.torn_bytes:
-            self.get_logger().warning(
-                f'{path} ends with {saved.torn_bytes} bytes of an episode that was being saved '
-                'when the last run was killed; that episode is lost'
-            )
         self._save()
 
     def _save(self) -> None:
-        if self._saver is not None:
+        if self._storage is not None:
             selected_at = time.time() - (time.monotonic() - self._selected_at)
-            self._saver.save(
+            self._storage.save(
                 Saved(
                     self._channel_names,
                     self._buffer.snapshot(),
@@ -386,17 +368,9 @@ class SelectorNode(Node):
 
     def _report(self) -> None:
         self._log_count()
-        self._log_storage()
         statuses = [self._input.report(), self._selection_status()]
-        if self._settings['episodes_path']:
-            statuses.append(
-                selector_status.storage(
-                    self._status_name('storage'),
-                    self._settings['episodes_path'],
-                    self._saver,
-                    self._storage_error,
-                )
-            )
+        if self._storage is not None:
+            statuses.append(self._storage.report(self._status_name('storage')))
         self._diagnostics_publisher.publish(
             diagnostics.diagnostic_array(self.get_clock().now().to_msg(), *statuses)
         )
@@ -408,15 +382,8 @@ class SelectorNode(Node):
             and count > self._counted < needed
             and (now > self._counted_at + _PROGRESS_PERIOD or count >= needed)
         ):
-            self.get_logger().info(f'{min(count, needed)} of {needed} episodes')
+            self.get_logger().info(f'{min(count, needed)} of {counted(needed, "episode")}')
             self._counted_at, self._counted = now, count
-
-    def _log_storage(self) -> None:
-        if self._saver is not None and (self._saver.num_saves or self._saver.error):
-            self._storage_error = self._saver.error
-        if self._storage_error not in ('', self._warned_storage):
-            self.get_logger().error(self._storage_error)
-        self._warned_storage = self._storage_error
 
     def _status_name(self, what: str) -> str:
         return f'{self.get_fully_qualified_name().lstrip("/")}: {what}'
@@ -437,3 +404,7 @@ class SelectorNode(Node):
             episodes=len(self._buffer),
             settings=self._settings,
         )
+
+
+if __name__ == '__main__':
+    sys.exit(run_node('selector_node', 'SelectorNode'))

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from math import inf, isnan
 
 from cmifs_ros.collect.sensor_groups import groups_by_name
-from cmifs_ros.collect.state_reader import listed
+from cmifs_ros.collect.words import listed
 from cmifs_ros.core import CRITERIA, DIRECTIONS
 from cmifs_ros.core.selection import METHODS
 

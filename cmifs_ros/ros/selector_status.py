@@ -1,4 +1,4 @@
-"""What the selector says of its selection and its file on /diagnostics."""
+"""What the selector says of its selection on /diagnostics."""
 
 from __future__ import annotations
 
@@ -8,10 +8,9 @@ from math import inf
 
 from diagnostic_msgs.msg import DiagnosticStatus
 
-from cmifs_ros.collect.episode_saver import EpisodeSaver
 from cmifs_ros.collect.selection_report import headline
 from cmifs_ros.collect.state_filter import StateFilter
-from cmifs_ros.collect.state_reader import listed
+from cmifs_ros.collect.words import counted, listed
 from cmifs_ros.core.selection import Selection
 
 from . import diagnostics
@@ -30,7 +29,7 @@ def selection(
     changed: Sequence[str],
     age: float,
     cause: str,
-    so_far: str,
+    so_far: tuple[bytes, str],
     error: str,
     episodes: int,
     settings: dict,
@@ -51,8 +50,8 @@ def selection(
         In seconds.
     cause : str
         Why it was made.
-    so_far : str
-        What the last attempt found if it confirmed nothing, or empty.
+    so_far : tuple of bytes and str
+        Level and message of what the last attempt found if it confirmed nothing, or empty.
     error : str
         Why the last attempt failed, or empty.
     episodes : int
@@ -86,29 +85,21 @@ def selection(
             values |= {field: ', '.join(shown[:MAX_SENSORS])} if shown else {}
     if error:
         level, message = diagnostics.ERROR, error
+    elif found is None and so_far[1]:
+        level, message = so_far
     elif found is None:
         level = diagnostics.OK
-        message = so_far or (
-            f'no selection yet; {episodes} episodes of at least {settings["min_episodes"]}'
+        message = (
+            f'no selection yet; {counted(episodes, "episode")} of at least '
+            f'{settings["min_episodes"]}'
         )
     elif state_filter.is_lacking:
         level, message = diagnostics.WARN, 'the newest state lacks a selected channel'
     elif changed:
         level = diagnostics.WARN
         message = f'the data have changed since the selection: {listed(changed)}'
+    elif so_far[1]:
+        level, message = so_far[0], f'{headline(found)}; since then: {so_far[1]}'
     else:
         level, message = diagnostics.OK, headline(found)
     return diagnostics.status(name, level, message, values)
-
-
-def storage(name: str, path: str, saver: EpisodeSaver | None, error: str) -> DiagnosticStatus:
-    """Return the status of the file of episodes; without a saver nothing is saved."""
-    values = {'path': path}
-    if saver is not None:
-        values |= {
-            'saves': saver.num_saves,
-            'file bytes': saver.nbytes,
-            'seconds of the last save': f'{saver.seconds:.3f}',
-        }
-    level = diagnostics.ERROR if error else diagnostics.OK
-    return diagnostics.status(name, level, error or 'saving', values)

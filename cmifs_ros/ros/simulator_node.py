@@ -6,6 +6,7 @@ It is that of the grid world, or any environment of Gymnasium.
 from __future__ import annotations
 
 import secrets
+import sys
 
 import numpy as np
 from nav_msgs.msg import OccupancyGrid
@@ -17,11 +18,13 @@ from visualization_msgs.msg import MarkerArray
 
 from cmifs_ros.collect.gymnasium_world import GymnasiumWorld, WorldError
 from cmifs_ros.collect.transitions import RewardSample
+from cmifs_ros.collect.words import counted
 from cmifs_ros.sim import SCENARIOS, GridWorld, sample_action
 from cmifs_ros.sim.grid_world import MOVES, WALLS
 
 from . import conversions
 from .parameters import Spec, declare
+from .run_node import run_node
 
 MILLISECOND = 1_000_000  # in nanoseconds
 
@@ -141,7 +144,7 @@ class SimulatorNode(Node):
         if limit and self._episode + 1 >= limit:
             if self._said_of_limit != limit:
                 self._said_of_limit = limit
-                self.get_logger().info(f'published {self._episode + 1} episodes')
+                self.get_logger().info(f'published {counted(self._episode + 1, "episode")}')
             return False
         if self._world is None:
             self._make_world()
@@ -183,3 +186,7 @@ class SimulatorNode(Node):
             self._marker_publisher.publish(
                 conversions.robot_to_msg(header, world.column, world.row, world.battery)
             )
+
+
+if __name__ == '__main__':
+    sys.exit(run_node('simulator_node', 'SimulatorNode'))

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import argparse
+import os
 from collections.abc import Callable, Collection
+from pathlib import Path
 
 
 def number_from(least: int) -> Callable[[str], int]:
@@ -46,3 +48,27 @@ def names_among(choices: Collection[str]) -> Callable[[str], list[str]]:
         return [name for name in choices if name in found]
 
     return names
+
+
+def file_to_write(text: str) -> Path:
+    """Read the name of a file, new or not; its folder need not be there yet."""
+    path = Path(text)
+    if path.is_dir():
+        raise argparse.ArgumentTypeError(
+            f'{text} is a folder; expected the name of a file, as in {path / "NAME"}'
+        )
+    folder_to_write(str(path.parent))
+    return path
+
+
+def folder_to_write(text: str) -> Path:
+    """Read the name of a folder, new or not."""
+    whole = Path(text).absolute()
+    there = next(path for path in (whole, *whole.parents) if os.path.lexists(path))
+    if not os.path.isdir(there):
+        raise argparse.ArgumentTypeError(f'{there} is no folder; expected one, new or not')
+    if not os.access(there, os.W_OK | os.X_OK):
+        raise argparse.ArgumentTypeError(
+            f'nothing can be written into {there}; expected a folder that is yours'
+        )
+    return Path(text)

@@ -32,6 +32,7 @@ from cmifs_ros.collect.selection_report import headline
 from cmifs_ros.core.selection import Selection
 from cmifs_ros.sim import SCENARIOS, channel_names
 
+from .arguments import file_to_write
 from .ranking import draw_ranking, ranking_text
 
 #: What matters in each world, known because the world is ours; only used to comment the result.
@@ -51,7 +52,9 @@ GO_ON = [
 NUM_SHOWN = 3
 _LINE_WIDTH = 68
 READING = """\
-score          what the return shares with this sensor and those taken before it
+score          what the return shares with this sensor and those selected before it
+               (of one that is not selected: with all that are); more sensors are
+               harder to learn from, so that it may fall without any harm done
 tells nothing  that score (5 % to 95 %) if this sensor told nothing
 p              how likely so much by chance; a test sharper than the score
 status         confirmed, tentative (more episodes may show it) or rejected"""
@@ -219,8 +222,9 @@ def save_picture(selection: Selection, scenario: str, path: Path) -> None:
     for label in axes.get_xticklabels():
         if label.get_text() in RELEVANT[scenario]:
             label.set_fontweight('bold')
-    axes.set_xlabel('sensor added (bold: matters in this world)')
-    axes.set_title(f'{scenario}: {selection.episodes} episodes, {selection.seconds:.1f} s')
+    axes.set_xlabel('sensor (bold: matters in this world)')
+    axes.set_title(f'{scenario}: {selection.episodes} episodes, {selection.seconds:.1f} s', pad=18)
+    path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=150)
 
 
@@ -303,7 +307,9 @@ def main(arguments: list[str] | None = None) -> int:
     )
     parser.add_argument('--rate', type=float, default=400.0, help='steps per second')
     parser.add_argument('--seed', type=int, default=0, help='seed of the simulator')
-    parser.add_argument('--out', type=Path, help='file of the picture (default demo_SCENARIO.png)')
+    parser.add_argument(
+        '--out', type=file_to_write, help='file of the picture (default demo_SCENARIO.png)'
+    )
     options = parser.parse_args(arguments)
     if options.episodes < 2:
         parser.error(f'--episodes is {options.episodes}; expected at least 2')

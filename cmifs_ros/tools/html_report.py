@@ -10,10 +10,19 @@ from pathlib import Path
 
 import numpy as np
 
+from cmifs_ros.collect.selection_report import NOTHING_SELECTED
+from cmifs_ros.collect.words import counted
 from cmifs_ros.core import Episode
 from cmifs_ros.core.selection import Selection
 
-from .ranking import MAX_SHOWN, PLAIN_COLOR, draw_ranking, figure_of, label_of
+from .ranking import (
+    MAX_SHOWN,
+    PLAIN_COLOR,
+    channels_that_spoke,
+    draw_ranking,
+    figure_of,
+    label_of,
+)
 
 _STYLE = """
 body { font: 16px/1.5 system-ui, sans-serif; max-width: 60rem; margin: 2rem auto; padding: 0 1rem;
@@ -27,10 +36,14 @@ img { max-width: 100%; } .note { color: #59636e; }
 
 _READING_SCORES = 'The score is the criterion of the sensor with those taken before it.'
 _READING = (
-    'The score is what the return shares with the sensor and those taken before it; grey is what '
-    'it would be if the sensor told nothing. p is how likely so much by chance, from a test of its '
-    'own that is sharper than the score. Confirmed: there is evidence. Tentative: more episodes '
-    'may show it. Rejected: no evidence that it tells more than the confirmed do.'
+    'The score is what the return shares with the sensor and those selected before it, and for one '
+    'that is not selected, with all that are; grey is what it would be if the sensor told nothing. '
+    'It may fall from one to the next, since more sensors are harder to learn from: that is no '
+    'harm done by one. p is how likely so much by chance, from a test of its own that is sharper '
+    'than the score. Confirmed: there is evidence. Tentative: more episodes may show it. Rejected: '
+    'no evidence that it tells more than the confirmed do. Below the selected come first those '
+    'that are likely to tell something beside these and each other, then the rest by their scores, '
+    'whatever their status.'
 )
 
 
@@ -70,17 +83,15 @@ def write_report(
             f'there are {len(names)} names; expected {episodes[0].num_channels}, '
             'one for each channel of the episodes'
         )
-    selected = (
-        ', '.join(selection.names) or 'nothing: no evidence that any sensor tells about the return'
-    )
+    selected = ', '.join(selection.names) or f'nothing: {NOTHING_SELECTED}'
     states = np.concatenate([episode.states for episode in episodes])
     parts = [
         f'<h1>Selected: {escape(selected)}</h1>',
-        f'<p>From {selection.episodes} episodes, {selection.steps} steps, '
-        f'{len(names)} channels, in {selection.seconds:.1f} s.</p>',
+        f'<p>From {counted(selection.episodes, "episode")}, {counted(selection.steps, "step")}, '
+        f'{counted(len(names), "channel")}, in {selection.seconds:.1f} s.</p>',
         '<h2>Ranking</h2>',
         f'<p class="note">{_READING if selection.pvalues else _READING_SCORES}</p>',
-        _image(draw_ranking(selection), 'score after each sensor of the ranking'),
+        _image(draw_ranking(selection), 'score of each sensor of the ranking'),
         _ranking_table(selection),
         '<h2>Correlation of the selected with the other channels</h2>',
         '<p class="note">Of the values at all steps. A channel that correlates with a selected '
@@ -113,16 +124,13 @@ def _image(figure, description: str) -> str:
 
 
 def _ranking_table(selection: Selection) -> str:
-    columns = ['', 'sensor', 'score with it']
+    columns = ['', 'sensor', 'score']
     columns += ['tells nothing: 5 %, median, 95 %'] if selection.null_scores else []
     columns += ['p'] if selection.pvalues else []
     columns += ['status'] if selection.statuses else []
     columns += ['selected in'] if selection.stability else []
-    # Of a sensor with one channel that is no news.
-    is_grouped = any(
-        spoke != (n,) for n, spoke in zip(selection.ranking, selection.spoke_by, strict=False)
-    )
-    columns += ['channels that spoke'] if is_grouped else []
+    spoke_by = channels_that_spoke(selection)
+    columns += ['by its channels'] if any(spoke_by) else []
     rows = [f'<tr>{"".join(f"<th>{name}</th>" for name in columns)}</tr>']
     for i, (name, score) in enumerate(zip(selection.ranking, selection.scores, strict=True)):
         null = selection.null_scores[i] if selection.null_scores else ()
@@ -139,8 +147,8 @@ def _ranking_table(selection: Selection) -> str:
             cells.append(f'<td class="{status}">{status}</td>')
         if selection.stability:
             cells.append(_number(f'{selection.stability[i]:.0%}'))
-        if is_grouped:
-            cells.append(f'<td class="name">{escape(", ".join(selection.spoke_by[i]))}</td>')
+        if any(spoke_by):
+            cells.append(f'<td class="name">{escape(", ".join(spoke_by[i]))}</td>')
         rows.append(f'<tr>{"".join(cells)}</tr>')
     return f'<table>{"".join(rows)}</table>'
 

@@ -7,12 +7,11 @@ from __future__ import annotations
 
 import argparse
 import sys
-from pathlib import Path
 
 from cmifs_ros.collect.bag import BagError
 from cmifs_ros.collect.robot_template import robot_file_of_bag, robot_file_of_topics
 
-from .arguments import number_from
+from .arguments import file_to_write, number_from
 from .program import StudyError, exit_code
 
 
@@ -26,7 +25,9 @@ def main(arguments: list[str] | None = None) -> int:
         '--seconds', type=number_from(1), default=5, metavar='N',
         help='for how long to listen (default 5)',
     )  # fmt: skip
-    parser.add_argument('--out', type=Path, metavar='FILE', help='a new file (default: print it)')
+    parser.add_argument(
+        '--out', type=file_to_write, metavar='FILE', help='a new file (default: print it)'
+    )
     options = parser.parse_args(arguments)
     return exit_code('make_robot_file', lambda: _run(options), 'nothing is written')
 
@@ -37,6 +38,7 @@ def _run(options: argparse.Namespace) -> None:
         if options.out is None:
             print(text, end='')
             return
+        options.out.parent.mkdir(parents=True, exist_ok=True)
         with options.out.open('x') as file:
             file.write(text)
     except FileExistsError:

@@ -12,6 +12,8 @@ from cmifs_ros.core.selection import Selection
 MAX_SHOWN = 40
 _STATUS_COLORS = {'confirmed': '#1a7f37', 'tentative': '#b08800', 'rejected': '#8c959f'}
 PLAIN_COLOR = '#0969da'
+#: Beside which others a sensor is scored.
+_TAKEN, _OTHERS = 'selected: each with those before it', 'others: each with the selected alone'
 
 
 def figure_of(width: float, height: float):
@@ -27,8 +29,20 @@ def label_of(name: str) -> str:
     return (text if len(text) <= 24 else f'{text[:10]}..{text[-12:]}').replace('$', r'\$')
 
 
+def num_taken(selection: Selection) -> int:
+    """Return of how many sensors of the ranking each was scored with those before it.
+
+    These are the selected; without evidence, which tells them from the rest, it is all.
+    """
+    spoke_by = selection.spoke_by or [selection.names] * len(selection.ranking)
+    return sum(set(spoke) <= set(selection.names) for spoke in spoke_by)
+
+
 def draw_ranking(selection: Selection):
-    """Return a figure of the scores, beside those of sensors that would tell nothing."""
+    """Return a figure of the scores, beside those of sensors that would tell nothing.
+
+    No line joins the scores: each is one of its own, to be compared with the band at its place.
+    """
     scores = selection.scores[:MAX_SHOWN]
     places = np.arange(len(scores))
     figure = figure_of(9, 4)
@@ -40,7 +54,6 @@ def draw_ranking(selection: Selection):
             label='a sensor that tells nothing: 5 % to 95 %',
         )  # fmt: skip
         axes.step(places[: len(low)], median, where='mid', color='0.6', label='its median')
-    axes.plot(places, scores, '-', color='0.4', zorder=2)
     statuses = selection.statuses[:MAX_SHOWN] or ('',) * len(scores)
     for status in dict.fromkeys(statuses):
         here = [i for i, other in enumerate(statuses) if other == status]
@@ -50,8 +63,13 @@ def draw_ranking(selection: Selection):
         )
     labels = [label_of(name) for name in selection.ranking[:MAX_SHOWN]]
     axes.set_xticks(places, labels, rotation=45, ha='right', rotation_mode='anchor')
-    axes.set_xlabel('sensor added')
-    axes.set_ylabel('score with the sensor')
+    axes.set_xlabel('sensor')
+    axes.set_ylabel('score')
+    count = num_taken(selection)
+    if 0 < count < len(scores):
+        axes.axvline(count - 0.5, color='0.4', linestyle=':')
+        for place, side, text in ((0, 'left', _TAKEN), (1, 'right', _OTHERS)):
+            axes.text(place, 1.01, text, ha=side, color='0.3', transform=axes.transAxes)
     axes.legend()
     return figure
 
@@ -59,6 +77,14 @@ def draw_ranking(selection: Selection):
 def _listed(names: Sequence[str]) -> str:
     more = f' and {len(names) - 2} more' if len(names) > 2 else ''
     return ', '.join(names[:2]) + more
+
+
+def channels_that_spoke(selection: Selection) -> list[Sequence[str]]:
+    """Return the channels that spoke for each sensor, none where that is the sensor itself."""
+    return [
+        () if spoke == (name,) else spoke
+        for name, spoke in zip(selection.ranking, selection.spoke_by, strict=False)
+    ]
 
 
 def ranking_text(selection: Selection) -> str:
@@ -71,10 +97,7 @@ def ranking_text(selection: Selection) -> str:
     rows[0] += ['p'] if selection.pvalues else []
     rows[0] += ['status'] if selection.statuses else []
     rows[0] += ['halves'] if selection.stability else []
-    spoke_by = [
-        '' if spoke == (name,) else _listed(spoke)
-        for name, spoke in zip(selection.ranking, selection.spoke_by, strict=False)
-    ]
+    spoke_by = list(map(_listed, channels_that_spoke(selection)))
     rows[0] += ['by its channels'] if any(spoke_by) else []
     for i, (name, score) in enumerate(zip(selection.ranking, selection.scores, strict=True)):
         row = [str(i + 1), name, f'{score:.3f}']

@@ -10,14 +10,14 @@ import time
 from collections import Counter
 from pathlib import Path
 
-import numpy as np
-
 from cmifs_ros.collect import episode_file
 from cmifs_ros.collect.bag import BagEpisodes, BagError, episodes_of_bag
+from cmifs_ros.collect.reward_check import problem_of_rewards
 from cmifs_ros.collect.robot_file import RobotFile, RobotFileError, load_robot_file
 from cmifs_ros.collect.selection_report import reply_of
+from cmifs_ros.collect.words import counted
 
-from .arguments import number_from
+from .arguments import file_to_write, folder_to_write, number_from
 from .program import StudyError, exit_code
 
 
@@ -29,13 +29,16 @@ def main(arguments: list[str] | None = None) -> int:
         '--robot', metavar='FILE', help='the robot file; without, bags hold state and reward'
     )
     parser.add_argument(
-        '--out', type=Path, default=Path(), metavar='FOLDER',
+        '--out', type=folder_to_write, default=Path(), metavar='FOLDER',
         help='for selection.json and selection.png (default: here)',
     )  # fmt: skip
     parser.add_argument(
-        '--episodes-file', metavar='FILE', help='write what a selector takes up (episodes_path)'
+        '--episodes-file', type=file_to_write, metavar='FILE',
+        help='write what a selector takes up (episodes_path)',
+    )  # fmt: skip
+    parser.add_argument(
+        '--report', type=folder_to_write, metavar='FOLDER', help='write a page, index.html'
     )
-    parser.add_argument('--report', type=Path, metavar='FOLDER', help='write a page, index.html')
     parser.add_argument(
         '--num-features', type=number_from(1), metavar='N',
         help='sensors to select (default: as many as there is evidence for)',
@@ -88,9 +91,10 @@ def _read(paths: list[str], robot: RobotFile | None, options) -> list[BagEpisode
     bags = []
     for path, bag in zip(paths, found, strict=True):
         bags.append(bag)
-        print(f'{path}: {bag.num_messages} messages, {len(bag.episodes)} whole episodes')
-        for cause, count in sorted(bag.dropped.items()):
-            print(f'  dropped: {count} {cause}')
+        messages = counted(bag.num_messages, 'message')
+        print(f'{path}: {messages}, {counted(len(bag.episodes), "whole episode")}')
+        for cause, count in bag.dropped.items():
+            print(f'  dropped {count}: {cause}')
         with_episodes = [b for b in bags if b.episodes]
         if bag.episodes and bag.channel_names != with_episodes[0].channel_names:
             raise BagError(f'{path} has other channels than the bags before it; expected the same')
@@ -107,19 +111,21 @@ def _select(bags: list[BagEpisodes], robot: RobotFile | None, options) -> None:
 
     episodes = [episode for bag in bags for episode in bag.episodes]
     if len(episodes) < 2:
+        whole = counted(len(episodes), 'whole episode')
         raise BagError(
-            f'{len(episodes)} whole episodes; expected at least 2, better 50. One that lacks '
-            "a step, or that the recording's begin or end cuts, does not count; `episode: "
-            '{steps: 25}` in the robot file makes windows of 25 steps'
+            f'{whole}; expected at least 2, better 50. One that lacks a step, or that was not '
+            'recorded from begin to end, does not count; `episode: {steps: 25}` in the robot file '
+            'makes windows of 25 steps'
         )
     names = next(bag.channel_names for bag in bags if bag.episodes)
-    rewards = np.concatenate([episode.rewards for episode in episodes])
-    if np.ptp(rewards) == 0:
-        print(f'every reward is {rewards[0]:g}: no return differs but by the length of its episode')
+    problem = problem_of_rewards(episodes)
+    if problem:
+        raise StudyError(problem)
     settings = {'num_features': options.num_features, 'n_jobs': os.cpu_count()}
     if robot and robot.groups:
         settings['groups'] = robot.groups
-    print(f'selecting among {len(names)} channels from {len(episodes)} episodes ...', flush=True)
+    among = f'{counted(len(names), "channel")} from {counted(len(episodes), "episode")}'
+    print(f'selecting among {among} ...', flush=True)
     try:
         # A single job: without a cluster, joblib does it in this process.
         job = delayed(select)(
@@ -138,6 +144,7 @@ def _select(bags: list[BagEpisodes], robot: RobotFile | None, options) -> None:
         # A selector that starts with a selection of nothing would publish nothing.
         kept = selection if selection.indices else None
         saved = episode_file.Saved(names, episodes, kept, time.time())
+        options.episodes_file.parent.mkdir(parents=True, exist_ok=True)
         episode_file.write(options.episodes_file, saved)
         written.append(options.episodes_file)
     if options.report:

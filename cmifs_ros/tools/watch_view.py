@@ -11,6 +11,8 @@ from rich.rule import Rule
 from rich.table import Table
 from rich.text import Text
 
+from cmifs_ros.collect.words import counted
+
 #: By level of diagnostic_msgs/DiagnosticStatus: word and style. The word tells without colour.
 LEVELS = (('ok', 'green'), ('warn', 'yellow'), ('error', 'bold red'), ('stale', 'magenta'))
 _STATUS_STYLES = {'confirmed': 'green', 'tentative': 'yellow', 'rejected': 'dim'}
@@ -128,12 +130,13 @@ def _sampler_lines(snapshot: Snapshot):
     for topic, status in bad[:_MAX_BAD_TOPICS]:
         yield Text.assemble(_plain(topic), ' ', _headline(status))
     if len(bad) > _MAX_BAD_TOPICS:
-        yield Text(f'and {len(bad) - _MAX_BAD_TOPICS} more topics')
+        yield Text(f'and {counted(len(bad) - _MAX_BAD_TOPICS, "more topic")}')
 
 
 def _input_lines(values: Mapping[str, str]):
     yield _plain(
-        f'{values.get("episodes", "?")} episodes, {values.get("steps", "?")} steps; '
+        f'{counted(values.get("episodes", "?"), "episode")}, '
+        f'{counted(values.get("steps", "?"), "step")}; '
         f'{_megabytes(values, "buffer bytes")} of {_megabytes(values, "buffer bytes allowed")} MB'
     )
     dropped = [f'{key}: {n}' for key, n in values.items() if 'dropped' in key and n != '0']
@@ -145,7 +148,8 @@ def _selection_lines(values: Mapping[str, str]):
         yield _plain(f'in use: {values["names"]}')
         yield _plain(
             f'made {_age(values.get("age in s", "?"))} ago ({values.get("cause", "?")}), from '
-            f'{values.get("episodes used", "?")} episodes in {values.get("seconds taken", "?")} s'
+            f'{counted(values.get("episodes used", "?"), "episode")} '
+            f'in {values.get("seconds taken", "?")} s'
         )
     worker = f'worker {values.get("worker", "?")}'
     if values.get('worker') == 'computing':

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
-from cmifs_ros.tools.arguments import number_from
+from cmifs_ros.tools.arguments import file_to_write, number_from
 
 
 def add_trial_arguments(parser: argparse.ArgumentParser) -> None:
@@ -24,7 +23,7 @@ def add_log_argument(parser: argparse.ArgumentParser) -> None:
     """Add the file that keeps the trials."""
     parser.add_argument(
         '--log',
-        type=Path,
+        type=file_to_write,
         metavar='FILE',
         help='CSV file of the trials; those that it holds are not run again',
     )

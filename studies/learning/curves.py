@@ -23,7 +23,7 @@ import numpy as np
 from tqdm import tqdm
 
 from cmifs_ros.core import ConditionalMISelector, Episode, KDRSelector
-from cmifs_ros.tools.arguments import names_among, number_from, numbers_from
+from cmifs_ros.tools.arguments import file_to_write, names_among, number_from, numbers_from
 from cmifs_ros.tools.program import StudyError, exit_code
 from studies.methods import mean_and_error
 from studies.parallel_trials import results_of
@@ -203,7 +203,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument('--first-seed', type=number_from(0), default=1000, help='default 1000')
     parser.add_argument('--jobs', type=number_from(1), help='processes (default: one a core)')
     parser.add_argument(
-        '--out', type=Path, default=Path('learning/trials.csv'),
+        '--out', type=file_to_write, default=Path('learning/trials.csv'),
         help='the finished trials; what it holds is not run again (default %(default)s)',
     )  # fmt: skip
     return parser.parse_args(arguments)

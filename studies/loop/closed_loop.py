@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from cmifs_ros.sim import SCENARIOS
-from cmifs_ros.tools.arguments import number_from
+from cmifs_ros.tools.arguments import file_to_write, number_from
 from cmifs_ros.tools.demo import DemoError, executable
 from cmifs_ros.tools.program import StudyError, exit_code
 
@@ -142,7 +142,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
         '--domain', type=number_from(0), default=int(os.environ.get('ROS_DOMAIN_ID', '80')),
         help='first of the ROS domains used (default ROS_DOMAIN_ID, else 80)',
     )  # fmt: skip
-    parser.add_argument('--out', type=Path, default=Path('loop/returns.png'))
+    parser.add_argument('--out', type=file_to_write, default=Path('loop/returns.png'))
     return parser.parse_args(arguments)
 
 

@@ -10,7 +10,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from cmifs_ros.tools.arguments import names_among, number_from, numbers_from
+from cmifs_ros.tools.arguments import folder_to_write, names_among, number_from, numbers_from
 from cmifs_ros.tools.program import StudyError, exit_code
 from studies.parallel_trials import finish
 from studies.trial_log import TrialLog
@@ -67,7 +67,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     )
     parser.add_argument(
         '--out',
-        type=Path,
+        type=folder_to_write,
         default=Path('reproduction'),
         metavar='DIR',
         help='folder of the results, and of the trials to continue with (default %(default)s)',

@@ -19,8 +19,8 @@ from tqdm import tqdm
 
 from cmifs_ros.sim import SCENARIOS
 from cmifs_ros.sim.grid_world import MAX_EPISODE_STEPS, NUM_CHANNELS
-from cmifs_ros.tools.arguments import names_among, number_from, numbers_from
-from cmifs_ros.tools.program import StudyError, exit_code
+from cmifs_ros.tools.arguments import folder_to_write, names_among, number_from, numbers_from
+from cmifs_ros.tools.program import exit_code
 from studies.methods import METHODS
 from studies.tables import markdown_table
 
@@ -104,10 +104,7 @@ def save_plot(dimension: str, points: Sequence[Point], path: Path) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Measure, print and plot each dimension."""
-    try:
-        options.out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise StudyError(str(error)) from error
+    options.out.mkdir(parents=True, exist_ok=True)
     print(', '.join(f'{name} {value}' for name, value in machine().items()))
     for dimension in options.dimensions:
         points = measure_growth(options, dimension)
@@ -156,7 +153,11 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument('--seed', type=number_from(0), default=0, help='default 0')
     parser.add_argument('--trials', type=number_from(1), default=3, help='default 3')
     parser.add_argument(
-        '--out', type=Path, default=Path('growth'), metavar='DIR', help='default %(default)s'
+        '--out',
+        type=folder_to_write,
+        default=Path('growth'),
+        metavar='DIR',
+        help='default %(default)s',
     )
     options = parser.parse_args(arguments)
     if options.sizes and len(options.dimensions) > 1:

@@ -22,7 +22,7 @@ def test_only_the_reward_is_required():
 @pytest.mark.parametrize(
     ('names', 'values', 'message'),
     [
-        (['reward'], [], '0 positions for 1 names'),
+        (['reward'], [], '0 positions for 1 name'),
         (['step'], [1.0], 'fields are step; expected reward among them'),
         ([], [], 'fields are none'),
         (['reward'], [np.nan], 'reward is nan; expected a finite number'),

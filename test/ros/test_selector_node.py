@@ -15,6 +15,7 @@ from sensor_msgs.msg import JointState
 from cmifs_ros.collect.transitions import RewardSample
 from cmifs_ros.core import ConditionalMISelector, Episode, KDRSelector
 from cmifs_ros.ros import selector_parameters, simulator_node
+from cmifs_ros.ros.diagnostics import OK, WARN
 from cmifs_ros.sim import channel_names, rollout
 from cmifs_ros.tools.watch_view import by_sensor
 
@@ -143,7 +144,7 @@ def test_too_few_episodes_are_refused_with_the_numbers(selector, robot):
     assert not reply.success
     answer = json.loads(reply.message)
     assert (answer['episodes'], answer['min_episodes']) == (3, 20)
-    assert 'there are 3 episodes; a selection needs at least 20' in answer['error']
+    assert '3 episodes so far; a selection needs at least 20' in answer['error']
 
 
 def test_state_keeps_flowing_and_nothing_is_lost_while_a_selection_runs(selector, robot, capsys):
@@ -374,8 +375,25 @@ def test_where_nothing_is_confirmed_the_diagnostics_tell_how_far_it_is(selector,
     reply = robot.call(robot.select_client)
     found = json.loads(reply.message)
     assert found['names'] == []
-    what = 'nothing confirmed yet; 24 episodes' if reply.success else 'no evidence that any'
-    robot.until(lambda: robot.diagnostics['selector: selection'][1].startswith(what))
+    assert reply.success
+    tentative = 'tentative' in found['statuses']
+    what = 'nothing confirmed yet; 24 episodes' if tentative else 'no evidence that any'
+    status = 'selector: selection'
+    robot.until(lambda: robot.diagnostics[status][1].startswith(what))
+    assert robot.diagnostics[status][0] == (OK if tentative else WARN)
+
+
+def test_of_rewards_by_which_no_return_differs_the_cause_is_told(selector, robot):
+    states = np.random.default_rng(0).normal(size=(24, 3, 3))
+    robot.publish_episodes([Episode(s, np.full(3, -1.0)) for s in states], NAMES)
+    robot.wait_for_episodes(24)
+    what = 'every reward is -1, in all 24 episodes'
+    reply = robot.call(robot.select_client)
+    assert not reply.success
+    assert json.loads(reply.message)['error'].startswith(what)
+    status = 'selector: selection'
+    robot.until(lambda: robot.diagnostics[status][1].startswith(what))
+    assert robot.diagnostics[status][0] == WARN
 
 
 def test_cleared_episodes_are_gone_and_other_channels_welcome(selector, robot):

@@ -97,7 +97,7 @@ def test_a_killed_selector_comes_back_with_its_episodes_and_its_selection(start_
     robot.until(lambda: saved_numbers(path) == list(range(27)))
     again = json.loads(robot.call(robot.select_client).message)
     assert (again['names'], again['episodes']) == (['c'], 27)
-    assert '25 episodes are back, and the selection of c' in node.output
+    assert 'brings back 25 episodes, and the selection of c' in node.output
     # The save of that selection may still be under way.
     robot.until(lambda: sorted(os.listdir(path.parent)) == ['episodes', 'episodes.lock'])
 

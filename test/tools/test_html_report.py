@@ -76,8 +76,16 @@ def test_the_page_shows_the_evidence_of_each_sensor_and_what_was_dropped(tmp_pat
         assert f'|{cell}|' in row, (cell, row)
     assert any('|late|' in row and '|7|' in row for row in rows)
     assert not any('|lost|' in row for row in rows)
+    assert 'by its channels' not in page.source
     assert len(page.pictures) == 3
     assert all(data.startswith(b'\x89PNG') for data in page.pictures)
+
+
+def test_channels_are_named_where_they_are_not_the_sensor_itself(tmp_path):
+    grouped = replace(SELECTION, spoke_by=(('x',), ('y.sin', 'y.cos'), ('battery',)))
+    page = Page(write_report(tmp_path, grouped, make_episodes(), NAMES, {}))
+    cells = re.findall(r'<td class="name">([^<]*)</td></tr>', page.source)
+    assert cells == ['', 'y.sin, y.cos', '']
 
 
 def test_the_page_needs_no_network_and_runs_nothing(tmp_path):

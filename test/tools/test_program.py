@@ -3,6 +3,7 @@
 import os
 import signal
 import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -43,3 +44,21 @@ def test_a_signal_during_the_start_ends_it_without_a_traceback(tmp_path, command
             os.kill(pid, signal.SIGKILL)
         process.wait()
     assert 'Traceback' not in output.read_text()
+
+
+@pytest.mark.parametrize(
+    ('node', 'parameter', 'said'),
+    [
+        ('selector_node', 'method:=none', "method is 'none'; expected one of"),
+        ('sampler_node', 'robot_file:=none', 'none cannot be read (No such file or directory)'),
+        ('simulator_node', 'scenario:=none', "scenario is 'none'; expected one of"),
+    ],
+)
+def test_the_module_of_a_node_runs_it_as_the_executable_does(node, parameter, said):
+    done = subprocess.run(
+        [sys.executable, '-m', f'cmifs_ros.ros.{node}', '--ros-args', '-p', parameter],
+        capture_output=True, text=True, timeout=60, check=False,
+    )  # fmt: skip
+    assert done.returncode == 2
+    assert said in done.stderr
+    assert 'Traceback' not in done.stderr

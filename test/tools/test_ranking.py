@@ -50,5 +50,17 @@ def test_the_picture_shows_band_scores_and_statuses(selection):
     shown = {text.get_text() for text in axes.get_legend().get_texts()}
     assert set(selection.statuses) <= shown
     assert ('its median' in shown) == bool(selection.null_scores)
-    scores = [line for line in axes.lines if len(line.get_xdata()) == len(selection.scores)]
-    assert any(tuple(line.get_ydata()) == selection.scores for line in scores)
+    dots = [
+        xy for line in axes.lines if line.get_marker() == 'o' for xy in line.get_xydata().tolist()
+    ]
+    assert sorted(dots) == [[place, score] for place, score in enumerate(selection.scores)]
+
+
+def test_the_picture_parts_the_selected_from_those_that_are_scored_beside_them():
+    (axes,) = draw_ranking(FULL).figure.axes
+    assert {text.get_text() for text in axes.texts} == {
+        'selected: each with those before it', 'others: each with the selected alone',
+    }  # fmt: skip
+    for whole in (BARE, replace(FULL, indices=(), names=())):
+        (axes,) = draw_ranking(whole).figure.axes
+        assert not axes.texts

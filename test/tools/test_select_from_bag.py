@@ -1,5 +1,6 @@
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -116,10 +117,8 @@ def test_a_reward_that_is_always_the_same_is_told(tmp_path, capsys):
     write_bag(tmp_path / 'bag', 60)
     file = tmp_path / 'robot.yaml'
     file.write_text(ROBOT.replace('reward: pay', 'reward: "2"'))
-    assert main([str(tmp_path / 'bag'), '--robot', str(file), '--out', str(tmp_path)]) == 0
-    printed = capsys.readouterr().out
-    assert 'every reward is 2: ' in printed
-    assert 'selected: nothing' in printed
+    assert main([str(tmp_path / 'bag'), '--robot', str(file), '--out', str(tmp_path)]) == 1
+    assert 'every reward is 2, in all 10 episodes: no return differs' in capsys.readouterr().err
 
 
 def test_jobs_change_nothing(tmp_path, robot):
@@ -196,7 +195,7 @@ def spoilt(path, how):
         ('foreign', 'cannot be read as a bag'),
         ('truncated', 'cut off is mended by `mcap recover` (MCAP)'),
         ('without metadata', 'or `ros2 bag reindex`'),
-        ('short', '1 whole episodes; expected at least 2'),
+        ('short', '1 whole episode; expected at least 2'),
     ],
 )
 def test_a_bag_that_cannot_be_used_is_one_sentence(tmp_path, robot, how, said, capsys):
@@ -223,6 +222,18 @@ def test_a_field_that_a_message_lacks_is_named(tmp_path):
     (cause,) = (cause for cause in bag.dropped if 'wrong' in cause)
     assert cause.startswith('wrong messages of /noise, such as: ')
     assert 'level' in cause
+
+
+def test_what_one_topic_lacks_is_told_once_and_causes_come_before_what_follows(tmp_path, capsys):
+    write_bag(tmp_path / 'bag', 42)
+    file = tmp_path / 'robot.yaml'
+    # The scans come once a second, and are used for half of one.
+    rays = ''.join(f'  ray_{i}: {{path: "/scan.ranges[{i}]", max_age: 0.5}}\n' for i in range(9))
+    file.write_text(ROBOT.replace('channels:\n', f'channels:\n{rays}'))
+    main([str(tmp_path / 'bag'), '--robot', str(file), '--out', str(tmp_path)])
+    dropped = re.findall(r'  dropped (\d+): (.*)', capsys.readouterr().out)
+    assert dropped[0][1].startswith('steps without 9 channels of /scan (ray_0, ray_1, ')
+    assert dropped[-1][1].startswith('episodes: ')
 
 
 def test_without_a_robot_file_a_bag_needs_state_and_reward(tmp_path, capsys):
