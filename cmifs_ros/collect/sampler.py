@@ -193,7 +193,8 @@ class Sampler:
     def lacking(self, missing: Mapping[str, int]) -> Counter[str]:
         """Return how many steps lacked something, by what in words.
 
-        What one topic lacked equally often has one cause, and is told once.
+        What one topic lacked equally often has one cause, and is told once: without names if it is
+        all that the robot file takes of it.
 
         Parameters
         ----------
@@ -202,6 +203,7 @@ class Sampler:
 
         """
         of = {source.name: (source.path.topic, source.is_channel) for source in self._robot.sources}
+        sizes = Counter(of.values())
         alike: dict[tuple, list[str]] = {}
         for name, count in missing.items():
             alike.setdefault((of.get(name, name), count), []).append(name)
@@ -211,7 +213,8 @@ class Sampler:
             if len(names) > 1:
                 topic, is_channel = origin
                 noun = 'channel' if is_channel else 'value'
-                what = f'{counted(len(names), noun)} of {topic} ({listed(names)})'
+                what = f'{counted(len(names), noun)} of {topic}'
+                what += f' ({listed(names)})' if len(names) < sizes[origin] else ''
             words[what] = count
         return words
 

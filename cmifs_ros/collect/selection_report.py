@@ -6,7 +6,7 @@ import dataclasses
 
 from cmifs_ros.core.selection import Selection
 
-from .words import counted, listed
+from .words import counted, first, listed, short
 
 NOTHING_SELECTED = 'no evidence that any sensor tells about the return'
 _EVIDENCE = ('statuses', 'pvalues', 'null_scores', 'spoke_by', 'stability')
@@ -32,8 +32,10 @@ def headline(selection: Selection) -> str:
             f'nothing confirmed yet; {counted(selection.episodes, "episode")}, '
             f'best so far {listed([best])}, p = {pvalue:.2g}'
         )
+    sizes = counted(selection.episodes, 'episode')
+    if selection.num_constant == len(selection.ranking):
+        return f'no sensor changed in {sizes}: nothing can be selected'
     if not selection.indices:
-        sizes = counted(selection.episodes, 'episode')
         return f'{NOTHING_SELECTED}; {sizes}: more may show it, if the reward is what the task pays'
     return f'selected {listed(selection.names)}'
 
@@ -56,8 +58,8 @@ def evidence(selection: Selection) -> str:
         if status == 'rejected':
             rejected.append(name)
         else:
-            shown.append(f'{name} ({what}{number:{form}})')
-    parts = [listed(shown)] if shown else []
+            shown.append(f'{short(name)} ({what}{number:{form}})')
+    parts = [first(shown)] if shown else []
     parts += [f'rejected {listed(rejected)}'] if rejected else []
     parts.append(
         f'{counted(selection.episodes, "episode")}, {counted(selection.steps, "step")}, '

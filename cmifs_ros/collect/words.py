@@ -12,6 +12,15 @@ def counted(count: int | str, noun: str) -> str:
 
 def listed(names: Sequence[str]) -> str:
     """Return names as a text that stays short, however many and long they are."""
-    shown = [name if len(name) <= 32 else f'{name[:30]}..' for name in names[:8]]
-    more = [f'{len(names) - 8} more'] if len(names) > 8 else []
-    return ', '.join(shown + more)
+    return first([short(name) for name in names])
+
+
+def short(name: str) -> str:
+    """Return a name, or its beginning if it is long."""
+    return name if len(name) <= 32 else f'{name[:30]}..'
+
+
+def first(texts: Sequence[str]) -> str:
+    """Return the first of some texts, and how many are left."""
+    more = [f'{len(texts) - 8} more'] if len(texts) > 8 else []
+    return ', '.join([*texts[:8], *more])

@@ -76,6 +76,11 @@ class Selection:
         pairs = zip(self.ranking, self.statuses, strict=False)
         return tuple(name for name, status in pairs if status == CONFIRMED)
 
+    @property
+    def num_constant(self) -> int:
+        """How many sensors, the last of the ranking, never changed: they have no score."""
+        return sum(low == high for low, _, high in self.null_scores)
+
 
 def select(
     episodes: Sequence[Episode],

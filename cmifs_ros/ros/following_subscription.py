@@ -9,6 +9,7 @@ from rclpy.clock_type import ClockType
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.subscription import Subscription
 
 #: Seconds between looks at the publishers.
 _LOOK_PERIOD = 0.5
@@ -61,8 +62,9 @@ class FollowingSubscription:
         self._qos = QoSProfile(depth=depth)
         self.publishers: list[str] = []
         self.clashes: dict[str, list[str]] = {}
-        self._subscribe()
-        self.topic_name = self._subscription.topic_name
+        self._subscription: Subscription | None = None
+        self.topic_name = node.resolve_topic_name(topic)
+        self._follow()
         # Steady time: a simulated clock that stands still must not stop it.
         clock = Clock(clock_type=ClockType.STEADY_TIME)
         self._timer = node.create_timer(_LOOK_PERIOD, self._follow, clock=clock)
@@ -73,6 +75,8 @@ class FollowingSubscription:
         self._node.destroy_subscription(self._subscription)
 
     def _subscribe(self) -> None:
+        if self._subscription is not None:
+            self._node.destroy_subscription(self._subscription)
         events = SubscriptionEventCallbacks(
             message_lost=self._on_message_lost,
             use_default_callbacks=False,  # They would log what `_follow` mends.
@@ -95,17 +99,15 @@ class FollowingSubscription:
                 clashes.setdefault(publisher.topic_type, []).append(name)
         self.publishers = sorted(name for name, _ in ours)
         self.clashes = {kind: sorted(names) for kind, names in clashes.items()}
-        if not ours:
-            return
-        profiles = [profile for _, profile in ours]
+        qos = self._qos_for([profile for _, profile in ours]) if ours else self._qos
+        if self._subscription is None or qos != self._qos:
+            self._qos = qos
+            self._subscribe()
+
+    def _qos_for(self, profiles: list[QoSProfile]) -> QoSProfile:
         reliability, durability = ReliabilityPolicy.RELIABLE, DurabilityPolicy.TRANSIENT_LOCAL
         if any(profile.reliability != reliability for profile in profiles):
             reliability = ReliabilityPolicy.BEST_EFFORT
         if any(profile.durability != durability for profile in profiles):
             durability = DurabilityPolicy.VOLATILE
-        if (reliability, durability) != (self._qos.reliability, self._qos.durability):
-            self._qos = QoSProfile(
-                depth=self._qos.depth, reliability=reliability, durability=durability
-            )
-            self._node.destroy_subscription(self._subscription)
-            self._subscribe()
+        return QoSProfile(depth=self._qos.depth, reliability=reliability, durability=durability)

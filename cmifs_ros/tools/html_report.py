@@ -134,8 +134,7 @@ def _ranking_table(selection: Selection) -> str:
     rows = [f'<tr>{"".join(f"<th>{name}</th>" for name in columns)}</tr>']
     for i, (name, score) in enumerate(zip(selection.ranking, selection.scores, strict=True)):
         null = selection.null_scores[i] if selection.null_scores else ()
-        # A constant has no score but that of the others alone.
-        is_constant = null and null[0] == null[-1]
+        is_constant = i >= len(selection.ranking) - selection.num_constant
         cells = [_number(i + 1), f'<td class="name">{escape(name)}</td>']
         cells.append(_number('' if is_constant else f'{score:.3f}'))
         if null:

@@ -80,10 +80,16 @@ def _listed(names: Sequence[str]) -> str:
 
 
 def channels_that_spoke(selection: Selection) -> list[Sequence[str]]:
-    """Return the channels that spoke for each sensor, none where that is the sensor itself."""
+    """Return the channels that spoke for each sensor, none where that is the sensor itself.
+
+    Nor has any spoken for a sensor that never changed.
+    """
+    num_live = len(selection.ranking) - selection.num_constant
     return [
-        () if spoke == (name,) else spoke
-        for name, spoke in zip(selection.ranking, selection.spoke_by, strict=False)
+        () if spoke == (name,) or place >= num_live else spoke
+        for place, (name, spoke) in enumerate(
+            zip(selection.ranking, selection.spoke_by, strict=False)
+        )
     ]
 
 
@@ -99,12 +105,12 @@ def ranking_text(selection: Selection) -> str:
     rows[0] += ['halves'] if selection.stability else []
     spoke_by = list(map(_listed, channels_that_spoke(selection)))
     rows[0] += ['by its channels'] if any(spoke_by) else []
+    num_live = len(selection.ranking) - selection.num_constant
     for i, (name, score) in enumerate(zip(selection.ranking, selection.scores, strict=True)):
         row = [str(i + 1), name, f'{score:.3f}']
         if selection.null_scores:
             low, _, high = selection.null_scores[i]
-            # A constant has no score but that of the others alone.
-            row = [*row, f'{low:.3f} to {high:.3f}'] if low < high else [*row[:2], '', '']
+            row = [*row[:2], '', ''] if i >= num_live else [*row, f'{low:.3f} to {high:.3f}']
         row += [f'{selection.pvalues[i]:.2g}'] if selection.pvalues else []
         row += [selection.statuses[i]] if selection.statuses else []
         row += [f'{selection.stability[i]:.0%}'] if selection.stability else []

@@ -172,6 +172,10 @@ def _megabytes(values: Mapping[str, str], key: str) -> str:
         return '?'
 
 
+def _number(text: str) -> int:
+    return int(text) if text.isdecimal() else 0
+
+
 def _age(seconds: str) -> str:
     if not seconds.isdigit():
         return '?'
@@ -196,7 +200,8 @@ def _ranking(snapshot: Snapshot, max_sensors: int):
     values = snapshot.statuses['selection'].values if 'selection' in snapshot.statuses else {}
     statuses = by_sensor(snapshot.ranking, values.get('statuses', ''))
     pvalues = by_sensor(snapshot.ranking, values.get('pvalues', ''))
-    scores = snapshot.scores
+    num_live = len(snapshot.ranking) - _number(values.get('sensors that never changed', ''))
+    scores = snapshot.scores[: max(0, num_live)]
     best = max([*scores, 0.0])
     table = Table(box=None, pad_edge=False, header_style='bold')
     table.add_column('', justify='right')
@@ -220,6 +225,8 @@ def _ranking(snapshot: Snapshot, max_sensors: int):
             *([Text(status, _STATUS_STYLES.get(status, ''))] if statuses else []),
         )
     yield table
-    left = len(snapshot.ranking) - max_sensors
+    left = num_live - max_sensors
     if left > 0:
         yield Text(f'and {left} more')
+    if num_live < len(snapshot.ranking):
+        yield Text(f'{counted(len(snapshot.ranking) - num_live, "sensor")} never changed')

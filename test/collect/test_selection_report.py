@@ -33,6 +33,11 @@ def test_the_evidence_is_p_values_where_there_are_some_and_else_scores():
     assert evidence(CONFIRMED) == 'b (p 0.01); rejected a; 25 episodes, 60 steps, 1.2 s'
 
 
+def test_a_long_name_does_not_hide_its_evidence():
+    long = dataclasses.replace(CONFIRMED, names=('n' * 40,), ranking=('n' * 40, 'a'))
+    assert evidence(long).startswith(f'{"n" * 30}.. (p 0.01); ')
+
+
 def test_the_reply_has_no_empty_evidence_and_nothing_of_the_data():
     assert set(reply_of(PLAIN)) == {
         'indices', 'names', 'ranking', 'scores', 'episodes', 'steps', 'seconds', 'outdated',

@@ -218,8 +218,9 @@ def test_bad_arguments_are_one_clear_sentence(arguments, message, capsys):
 
 def test_a_folder_that_cannot_be_made_is_one_clear_sentence(tmp_path, capsys):
     (tmp_path / 'file').touch()
-    assert main([*TINY, '--out', str(tmp_path / 'file')]) == 1
-    assert capsys.readouterr().err.startswith('reproduce_paper: ')
+    with pytest.raises(SystemExit):
+        main([*TINY, '--out', str(tmp_path / 'file')])
+    assert 'file is no folder; expected one, new or not' in capsys.readouterr().err
 
 
 def test_a_cluster_without_its_package_is_refused_with_a_hint(tmp_path, capsys, monkeypatch):

@@ -232,7 +232,7 @@ def test_what_one_topic_lacks_is_told_once_and_causes_come_before_what_follows(t
     file.write_text(ROBOT.replace('channels:\n', f'channels:\n{rays}'))
     main([str(tmp_path / 'bag'), '--robot', str(file), '--out', str(tmp_path)])
     dropped = re.findall(r'  dropped (\d+): (.*)', capsys.readouterr().out)
-    assert dropped[0][1].startswith('steps without 9 channels of /scan (ray_0, ray_1, ')
+    assert dropped[0][1] == 'steps without 9 channels of /scan'
     assert dropped[-1][1].startswith('episodes: ')
 
 

@@ -111,6 +111,12 @@ def test_a_long_ranking_is_cut_and_says_so():
     assert 'and 25 more' in text_of(many, max_sensors=5)
 
 
+def test_sensors_that_never_changed_have_no_score():
+    text = text_of(snapshot(values=SELECTION | {'sensors that never changed': '1'}))
+    assert 'battery' not in text
+    assert '1 sensor never changed' in text
+
+
 @given(
     st.lists(st.text(min_size=1, max_size=50), min_size=1, max_size=5),
     st.lists(st.floats(allow_nan=True), min_size=5, max_size=5),
