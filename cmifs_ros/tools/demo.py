@@ -210,7 +210,7 @@ def print_selection(selection: Selection, scenario: str) -> None:
     count = len(channel_names(scenario))
     print(f'\n{headline(selection)}: {len(selection.names)} of {count} sensors')
     print(
-        f'{len(found)} of the {len(relevant)} that matter in this world ({", ".join(relevant)}), '
+        f'{len(found)} of the {len(relevant)} that matter in this world ({", ".join(relevant)}),\n'
         f'{len(selection.names) - len(found)} of the {count - len(relevant)} that do not'
     )
 

@@ -36,14 +36,14 @@ img { max-width: 100%; } .note { color: #59636e; }
 
 _READING_SCORES = 'The score is the criterion of the sensor with those taken before it.'
 _READING = (
-    'The score is what the return shares with the sensor and those selected before it, and for one '
-    'that is not selected, with all that are; grey is what it would be if the sensor told nothing. '
-    'It may fall from one to the next, since more sensors are harder to learn from: that is no '
-    'harm done by one. p is how likely so much by chance, from a test of its own that is sharper '
-    'than the score. Confirmed: there is evidence. Tentative: more episodes may show it. Rejected: '
-    'no evidence that it tells more than the confirmed do. Below the selected come first those '
-    'that are likely to tell something beside these and each other, then the rest by their scores, '
-    'whatever their status.'
+    'The score is what the return shares with the sensor and those selected before it, and for '
+    'one that is not selected, with all that are; grey is what it would be if the sensor told '
+    'nothing. It may fall from one to the next, since more sensors are harder to learn from, not '
+    'because one does harm. p is how likely so much by chance, from a test of its own that is '
+    'sharper than the score. Confirmed: there is evidence. Tentative: more episodes may show it. '
+    'Rejected: no evidence that it tells more than the confirmed do. Below the selected come '
+    'first those that are likely to tell something beside these and each other, then the rest by '
+    'their scores, whatever their status.'
 )
 
 
