@@ -36,7 +36,9 @@ def headline(selection: Selection) -> str:
     if selection.num_constant == len(selection.ranking):
         return f'no sensor changed in {sizes}: nothing can be selected'
     if not selection.indices:
-        return f'{NOTHING_SELECTED}; {sizes}: more may show it, if the reward is what the task pays'
+        return (
+            f'{NOTHING_SELECTED}; {sizes}, and more may show it if the reward is what the task pays'
+        )
     return f'selected {listed(selection.names)}'
 
 

@@ -257,7 +257,7 @@ class SelectorNode(Node):
         problem = problem_of_rewards(episodes) if values['method'] != 'kdr' else ''
         if problem:
             self._so_far = diagnostics.WARN, problem
-            self.get_logger().warning(f'no selection: {problem}')
+            self.get_logger().warning(f'no selection: {problem}', throttle_duration_sec=300.0)
             raise RefusedError(problem)
         in_use = self._selection.confirmed if self._selection is not None else ()
         least_kept = values['min_episodes'] if values['forget_outdated'] else None

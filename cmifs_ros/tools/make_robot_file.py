@@ -45,9 +45,11 @@ def _run(options: argparse.Namespace) -> None:
         raise StudyError(f'{options.out} exists; expected the name of a new file') from None
     except (BagError, OSError) as error:
         raise StudyError(str(error)) from error
+    select = f'select_from_bag {options.bag} --robot {options.out}'
+    launch = f'ros2 launch cmifs_ros robot.launch.xml robot_file:={options.out}'
     print(
         f'written: {options.out}; decide what is marked TODO in it, then: '
-        f'select_from_bag {options.bag or "BAG"} --robot {options.out}'
+        f'{select if options.bag else launch}'
     )
 
 

@@ -18,8 +18,8 @@ def test_the_headline_says_what_is_sure_and_what_is_not():
     assert headline(TENTATIVE) == ('nothing confirmed yet; 25 episodes, best so far b, p = 0.2')
     nothing = dataclasses.replace(TENTATIVE, statuses=('rejected',) * 2, pvalues=(1.0, 1.0))
     assert headline(nothing) == (
-        'no evidence that any sensor tells about the return; 25 episodes: more may show it, if the '
-        'reward is what the task pays'
+        'no evidence that any sensor tells about the return; 25 episodes, and more may show it if '
+        'the reward is what the task pays'
     )
     assert [is_tentative(s) for s in (PLAIN, CONFIRMED, TENTATIVE, nothing)] == [
         False, False, True, False,
