@@ -221,13 +221,14 @@ class Sampler:
     def _read(self, topic: str, message) -> dict:
         """Return what the message says, so that itself need not be kept."""
         content: dict = {}
+        problem: str | None = None
         for source in self._by_topic[topic]:
             try:
                 values = _values(source, message)
                 if values:
                     content[source.name] = values
             except _UNREADABLE as error:
-                self.note_wrong(topic, str(error))
+                problem = str(error)
         for key in ('reward', 'terminated', 'truncated'):
             rule = getattr(self._robot, key)
             if isinstance(rule, FieldPath) and rule.topic == topic:
@@ -236,7 +237,7 @@ class Sampler:
                         sum(map(_number, rule.read(message))) if rule.fields else 1.0
                     )
                 except _UNREADABLE as error:
-                    self.note_wrong(topic, str(error))
+                    problem = str(error)
         if self._robot.action and topic == self._robot.action + STATUS:
             try:
                 content['goals',] = [
@@ -244,7 +245,9 @@ class Sampler:
                     for entry in message.status_list
                 ]
             except _UNREADABLE as error:
-                self.note_wrong(topic, str(error))
+                problem = str(error)
+        if problem is not None:  # However many fields it concerns, it is one message.
+            self.note_wrong(topic, problem)
         return content
 
     def _work(self, limit: int) -> list[Step]:

@@ -216,12 +216,14 @@ def test_a_topic_that_the_bag_lacks_is_an_error(tmp_path, capsys):
 
 def test_a_field_that_a_message_lacks_is_named(tmp_path):
     write_bag(tmp_path / 'bag', 12)
+    fields = '{path: /noise.level}\n  wind: {path: /noise.wind}'
     bag = episodes_of_bag(
-        tmp_path / 'bag', parse_robot_file(ROBOT.replace('/noise.data', '/noise.level'))
+        tmp_path / 'bag', parse_robot_file(ROBOT.replace('{path: /noise.data}', fields))
     )
     (cause,) = (cause for cause in bag.dropped if 'wrong' in cause)
+    assert bag.dropped[cause] == 12
     assert cause.startswith('wrong messages of /noise, such as: ')
-    assert 'level' in cause
+    assert "no field 'wind'" in cause
 
 
 def test_what_one_topic_lacks_is_told_once_and_causes_come_before_what_follows(tmp_path, capsys):
