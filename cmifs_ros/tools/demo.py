@@ -52,9 +52,9 @@ GO_ON = [
 NUM_SHOWN = 3
 _LINE_WIDTH = 68
 READING = """\
-score          what the return shares with this sensor and the selected before it
-               (of one not selected: with all of these); more sensors are harder
-               to learn from, so that it may fall without any harm done
+score          what the return shares with this sensor and the selected before
+               it (of one not selected: with all of these); more sensors are
+               harder to learn from, so that it may fall without any harm done
 tells nothing  that score (5 % to 95 %) if this sensor told nothing
 p              how likely so much by chance; a test sharper than the score
 status         confirmed, tentative (more episodes may show it) or rejected"""
