@@ -127,6 +127,9 @@ class InputWatch:
         recent = counts - self._counts[0][1]
         if recent:
             return Assessment('WARN', 'drops', f'dropping: {self._words(recent)}')
+        if not len(self._buffer):
+            steps = counted(self._assembler.num_open_steps, 'step')
+            return Assessment('OK', 'none', f'collecting; the first episode has {steps} so far')
         copies = self._buffer.num_repeated
         what = f'; {counted(copies, "repeated episode")} not kept' if copies else ''
         return Assessment('OK', 'none', f'collecting{what}')

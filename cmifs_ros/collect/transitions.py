@@ -143,6 +143,11 @@ class EpisodeAssembler:
         return sum(map(len, (self._states, self._rewards, *self._first_states.values())))
 
     @property
+    def num_open_steps(self) -> int:
+        """Steps of the open episode."""
+        return len(self._open_rewards)
+
+    @property
     def channel_names(self) -> tuple[str, ...] | None:
         """The channels of the first state that had a reward."""
         return self.reader.channel_names
