@@ -33,7 +33,7 @@ def headline(selection: Selection) -> str:
             f'best so far {listed([best])}, p = {pvalue:.2g}'
         )
     sizes = counted(selection.episodes, 'episode')
-    if selection.num_constant == len(selection.ranking):
+    if not selection.num_live:
         return f'no sensor changed in {sizes}: nothing can be selected'
     if not selection.indices:
         return (

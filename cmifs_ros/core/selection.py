@@ -77,9 +77,9 @@ class Selection:
         return tuple(name for name, status in pairs if status == CONFIRMED)
 
     @property
-    def num_constant(self) -> int:
-        """How many sensors, the last of the ranking, never changed: they have no score."""
-        return sum(low == high for low, _, high in self.null_scores)
+    def num_live(self) -> int:
+        """How many sensors, the first of the ranking, ever changed: the rest has no score."""
+        return len(self.ranking) - sum(low == high for low, _, high in self.null_scores)
 
 
 def select(

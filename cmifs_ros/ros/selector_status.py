@@ -76,7 +76,7 @@ def selection(
             'episodes used': found.episodes,
             'seconds taken': f'{found.seconds:.2f}',
             'states without a selected channel': state_filter.num_lacking,
-            'sensors that never changed': found.num_constant,
+            'sensors that never changed': len(found.ranking) - found.num_live,
         }
         for field in ('statuses', 'pvalues', 'stability'):
             shown = [

@@ -132,13 +132,11 @@ def _ranking_table(selection: Selection) -> str:
     spoke_by = channels_that_spoke(selection)
     columns += ['by its channels'] if any(spoke_by) else []
     rows = [f'<tr>{"".join(f"<th>{name}</th>" for name in columns)}</tr>']
-    for i, (name, score) in enumerate(zip(selection.ranking, selection.scores, strict=True)):
-        null = selection.null_scores[i] if selection.null_scores else ()
-        is_constant = i >= len(selection.ranking) - selection.num_constant
-        cells = [_number(i + 1), f'<td class="name">{escape(name)}</td>']
-        cells.append(_number('' if is_constant else f'{score:.3f}'))
-        if null:
-            cells.append(_number('' if is_constant else ', '.join(f'{n:.3f}' for n in null)))
+    for i in range(selection.num_live):
+        cells = [_number(i + 1), f'<td class="name">{escape(selection.ranking[i])}</td>']
+        cells.append(_number(f'{selection.scores[i]:.3f}'))
+        if selection.null_scores:
+            cells.append(_number(', '.join(f'{n:.3f}' for n in selection.null_scores[i])))
         if selection.pvalues:
             cells.append(_number(f'{selection.pvalues[i]:.2g}'))
         if selection.statuses:
@@ -149,7 +147,9 @@ def _ranking_table(selection: Selection) -> str:
         if any(spoke_by):
             cells.append(f'<td class="name">{escape(", ".join(spoke_by[i]))}</td>')
         rows.append(f'<tr>{"".join(cells)}</tr>')
-    return f'<table>{"".join(rows)}</table>'
+    constant = ', '.join(selection.ranking[selection.num_live :])
+    more = f'<p>Never changed, and so tell nothing: {escape(constant)}</p>' if constant else ''
+    return f'<table>{"".join(rows)}</table>{more}'
 
 
 def _number(value) -> str:
@@ -162,7 +162,8 @@ def _correlation(selection: Selection, states: np.ndarray, names: Sequence[str])
         centred = states - states.mean(axis=0)
         scaled = np.nan_to_num(centred / np.sqrt((centred**2).sum(axis=0)))
         correlation = scaled[:, selected].T @ scaled
-    others = [c for c in range(len(names)) if c not in selection.indices]
+    varies = np.ptp(states, axis=0) > 0
+    others = [c for c in range(len(names)) if c not in selection.indices and varies[c]]
     if not selected or not others:
         return '<p>There are no two kinds to compare.</p>'
     # Of many, those that resemble a selected one most.

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from cmifs_ros.collect.words import listed
 from cmifs_ros.core.selection import Selection
 
 #: Sensors of the ranking, and channels beside the selected, that a picture can show legibly.
@@ -42,26 +43,27 @@ def draw_ranking(selection: Selection):
     """Return a figure of the scores, beside those of sensors that would tell nothing.
 
     No line joins the scores: each is one of its own, to be compared with the band at its place.
+    Sensors that never changed are left out.
     """
-    scores = selection.scores[:MAX_SHOWN]
+    scores = selection.scores[: min(MAX_SHOWN, selection.num_live)]
     places = np.arange(len(scores))
     figure = figure_of(9, 4)
     axes = figure.subplots()
     if selection.null_scores:
-        low, median, high = np.array(selection.null_scores[:MAX_SHOWN]).T
+        low, median, high = np.reshape(selection.null_scores[: len(scores)], (-1, 3)).T
         axes.fill_between(
-            places[: len(low)], low, high, color='0.85', step='mid',
+            places, low, high, color='0.85', step='mid',
             label='a sensor that tells nothing: 5 % to 95 %',
         )  # fmt: skip
-        axes.step(places[: len(low)], median, where='mid', color='0.6', label='its median')
-    statuses = selection.statuses[:MAX_SHOWN] or ('',) * len(scores)
+        axes.step(places, median, where='mid', color='0.6', label='its median')
+    statuses = selection.statuses[: len(scores)] or ('',) * len(scores)
     for status in dict.fromkeys(statuses):
         here = [i for i, other in enumerate(statuses) if other == status]
         color = _STATUS_COLORS.get(status, PLAIN_COLOR)
         axes.plot(
             here, [scores[i] for i in here], 'o', color=color, zorder=3, label=status or 'score'
         )
-    labels = [label_of(name) for name in selection.ranking[:MAX_SHOWN]]
+    labels = [label_of(name) for name in selection.ranking[: len(scores)]]
     axes.set_xticks(places, labels, rotation=45, ha='right', rotation_mode='anchor')
     axes.set_xlabel('sensor')
     axes.set_ylabel('score')
@@ -82,15 +84,10 @@ def _listed(names: Sequence[str]) -> str:
 def channels_that_spoke(selection: Selection) -> list[Sequence[str]]:
     """Return the channels that spoke for each sensor, none where that is the sensor itself.
 
-    Nor has any spoken for a sensor that never changed.
+    Of sensors that never changed none spoke: they are left out.
     """
-    num_live = len(selection.ranking) - selection.num_constant
-    return [
-        () if spoke == (name,) or place >= num_live else spoke
-        for place, (name, spoke) in enumerate(
-            zip(selection.ranking, selection.spoke_by, strict=False)
-        )
-    ]
+    pairs = zip(selection.ranking, selection.spoke_by, strict=False)
+    return [() if spoke == (name,) else spoke for name, spoke in pairs][: selection.num_live]
 
 
 def ranking_text(selection: Selection) -> str:
@@ -105,12 +102,11 @@ def ranking_text(selection: Selection) -> str:
     rows[0] += ['halves'] if selection.stability else []
     spoke_by = list(map(_listed, channels_that_spoke(selection)))
     rows[0] += ['by its channels'] if any(spoke_by) else []
-    num_live = len(selection.ranking) - selection.num_constant
-    for i, (name, score) in enumerate(zip(selection.ranking, selection.scores, strict=True)):
-        row = [str(i + 1), name, f'{score:.3f}']
+    for i in range(selection.num_live):
+        row = [str(i + 1), selection.ranking[i], f'{selection.scores[i]:.3f}']
         if selection.null_scores:
             low, _, high = selection.null_scores[i]
-            row = [*row[:2], '', ''] if i >= num_live else [*row, f'{low:.3f} to {high:.3f}']
+            row.append(f'{low:.3f} to {high:.3f}')
         row += [f'{selection.pvalues[i]:.2g}'] if selection.pvalues else []
         row += [selection.statuses[i]] if selection.statuses else []
         row += [f'{selection.stability[i]:.0%}'] if selection.stability else []
@@ -118,10 +114,13 @@ def ranking_text(selection: Selection) -> str:
         rows.append(row)
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     is_text = [name in ('sensor', 'status', 'by its channels') for name in rows[0]]
-    return '\n'.join(
+    lines = [
         '  '.join(
             cell.ljust(width) if left else cell.rjust(width)
             for cell, width, left in zip(row, widths, is_text, strict=True)
         ).rstrip()
         for row in rows
-    )
+    ]
+    constant = selection.ranking[selection.num_live :]
+    lines += [f'never changed: {listed(constant)}'] if constant else []
+    return '\n'.join(lines)

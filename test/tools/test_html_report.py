@@ -81,6 +81,13 @@ def test_the_page_shows_the_evidence_of_each_sensor_and_what_was_dropped(tmp_pat
     assert all(data.startswith(b'\x89PNG') for data in page.pictures)
 
 
+def test_sensors_that_never_changed_stand_below_the_table(tmp_path):
+    still = replace(SELECTION, null_scores=(*SELECTION.null_scores[:2], (0.375,) * 3))
+    page = Page(write_report(tmp_path, still, make_episodes(), NAMES, {}))
+    assert '<td class="name">battery</td>' not in page.source
+    assert '<p>Never changed, and so tell nothing: battery</p>' in page.source
+
+
 def test_channels_are_named_where_they_are_not_the_sensor_itself(tmp_path):
     grouped = replace(SELECTION, spoke_by=(('x',), ('y.sin', 'y.cos'), ('battery',)))
     page = Page(write_report(tmp_path, grouped, make_episodes(), NAMES, {}))
