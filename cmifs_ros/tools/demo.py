@@ -218,12 +218,12 @@ def print_selection(selection: Selection, scenario: str) -> None:
 def save_picture(selection: Selection, scenario: str, path: Path) -> None:
     """Save the ranking as a picture, with what matters in this world in bold."""
     figure = draw_ranking(selection)
-    (axes,) = figure.axes
-    for label in axes.get_xticklabels():
+    top, bottom = figure.axes[0], figure.axes[-1]
+    for label in bottom.get_xticklabels():
         if label.get_text() in RELEVANT[scenario]:
             label.set_fontweight('bold')
-    axes.set_xlabel('sensor (bold: matters in this world)')
-    axes.set_title(f'{scenario}: {selection.episodes} episodes, {selection.seconds:.1f} s', pad=18)
+    bottom.set_xlabel('sensor (bold: matters in this world)')
+    top.set_title(f'{scenario}: {selection.episodes} episodes, {selection.seconds:.1f} s', pad=18)
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=150)
 

@@ -15,6 +15,8 @@ _STATUS_COLORS = {'confirmed': '#1a7f37', 'tentative': '#b08800', 'rejected': '#
 PLAIN_COLOR = '#0969da'
 #: Beside which others a sensor is scored.
 _TAKEN, _OTHERS = 'selected: each with those before it', 'others: each with the selected alone'
+#: Smaller p-values are drawn here; nobody takes them literally.
+_LEAST_PVALUE = 1e-8
 
 
 def figure_of(width: float, height: float):
@@ -43,12 +45,16 @@ def draw_ranking(selection: Selection):
     """Return a figure of the scores, beside those of sensors that would tell nothing.
 
     No line joins the scores: each is one of its own, to be compared with the band at its place.
-    Sensors that never changed are left out.
+    Below are the p-values, which decide. Sensors that never changed are left out.
     """
     scores = selection.scores[: min(MAX_SHOWN, selection.num_live)]
     places = np.arange(len(scores))
-    figure = figure_of(9, 4)
-    axes = figure.subplots()
+    if selection.pvalues:
+        figure = figure_of(9, 5)
+        axes, of_pvalues = figure.subplots(2, sharex=True, height_ratios=(2, 1))
+    else:
+        figure = figure_of(9, 4)
+        axes = of_pvalues = figure.subplots()
     if selection.null_scores:
         low, median, high = np.reshape(selection.null_scores[: len(scores)], (-1, 3)).T
         axes.fill_between(
@@ -63,13 +69,22 @@ def draw_ranking(selection: Selection):
         axes.plot(
             here, [scores[i] for i in here], 'o', color=color, zorder=3, label=status or 'score'
         )
+        if selection.pvalues:
+            pvalues = [max(selection.pvalues[i], _LEAST_PVALUE) for i in here]
+            of_pvalues.plot(here, pvalues, 'o', color=color)
+    if selection.pvalues:
+        of_pvalues.set_yscale('log')
+        of_pvalues.set_ylim(3, _LEAST_PVALUE / 3)
+        of_pvalues.set_ylabel('p')
+        of_pvalues.grid(axis='y', color='0.9')
     labels = [label_of(name) for name in selection.ranking[: len(scores)]]
-    axes.set_xticks(places, labels, rotation=45, ha='right', rotation_mode='anchor')
-    axes.set_xlabel('sensor')
+    of_pvalues.set_xticks(places, labels, rotation=45, ha='right', rotation_mode='anchor')
+    of_pvalues.set_xlabel('sensor')
     axes.set_ylabel('score')
     count = num_taken(selection)
     if 0 < count < len(scores):
-        axes.axvline(count - 0.5, color='0.4', linestyle=':')
+        for part in figure.axes:
+            part.axvline(count - 0.5, color='0.4', linestyle=':')
         for place, side, text in ((0, 'left', _TAKEN), (1, 'right', _OTHERS)):
             axes.text(place, 1.01, text, ha=side, color='0.3', transform=axes.transAxes)
     axes.legend()

@@ -49,31 +49,33 @@ def test_sensors_that_never_changed_stand_below_the_table_and_in_no_picture():
     *_, last, below = ranking_text(still).splitlines()
     assert 'scan' in last
     assert below == 'never changed: still'
-    (axes,) = draw_ranking(still).figure.axes
-    assert [label.get_text() for label in axes.get_xticklabels()] == ['x', 'scan']
+    axes = draw_ranking(still).figure.axes
+    assert [label.get_text() for label in axes[-1].get_xticklabels()] == ['x', 'scan']
     nothing = replace(still, null_scores=((0.0,) * 3,) * 3)
     assert ranking_text(nothing).splitlines()[1:] == ['never changed: x, scan, still']
     draw_ranking(nothing)
 
 
+def dots_of(axes):
+    lines = [line for line in axes.lines if line.get_marker() == 'o']
+    return sorted((x, y) for line in lines for x, y in line.get_xydata().tolist())
+
+
 @pytest.mark.parametrize('selection', [BARE, FULL, replace(FULL, indices=(), names=())])
 def test_the_picture_shows_band_scores_and_statuses(selection):
     figure = draw_ranking(selection)
-    (axes,) = figure.axes
+    axes = figure.axes[0]
     shown = {text.get_text() for text in axes.get_legend().get_texts()}
     assert set(selection.statuses) <= shown
     assert ('its median' in shown) == bool(selection.null_scores)
-    dots = [
-        xy for line in axes.lines if line.get_marker() == 'o' for xy in line.get_xydata().tolist()
-    ]
-    assert sorted(dots) == [[place, score] for place, score in enumerate(selection.scores)]
+    expected = [selection.scores, *([selection.pvalues] if selection.pvalues else [])]
+    assert [dots_of(part) for part in figure.axes] == [list(enumerate(v)) for v in expected]
 
 
 def test_the_picture_parts_the_selected_from_those_that_are_scored_beside_them():
-    (axes,) = draw_ranking(FULL).figure.axes
+    axes = draw_ranking(FULL).figure.axes[0]
     assert {text.get_text() for text in axes.texts} == {
         'selected: each with those before it', 'others: each with the selected alone',
     }  # fmt: skip
     for whole in (BARE, replace(FULL, indices=(), names=())):
-        (axes,) = draw_ranking(whole).figure.axes
-        assert not axes.texts
+        assert not draw_ranking(whole).figure.axes[0].texts
