@@ -90,7 +90,7 @@ def gather(case: Case, regressor: str, seed: int) -> tuple[list[Episode], Transi
 
 def run_case(case: Case, regressors: list[str], first_seed: int) -> list[tuple]:
     """Choose, learn and act; return a row of `COLUMNS` for each regressor."""
-    warnings.filterwarnings('ignore', message='.*Maximum iterations')  # A few epochs are meant.
+    warnings.filterwarnings('ignore', message='lbfgs failed to converge')  # Few are meant.
     seed = first_seed + case.trial
     rows = []
     for regressor in regressors:
