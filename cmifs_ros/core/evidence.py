@@ -180,7 +180,8 @@ def _tail(observed: np.ndarray, drawn: np.ndarray) -> float:
     greatest = ((observed - means)[kept] / spreads[kept]).max()
     null = ((drawn - means)[:, kept] / spreads[kept]).max(axis=1)
     mean, spread = null.mean(), null.std()
-    return _pearson3_sf((greatest - mean) / spread, np.mean(((null - mean) / spread) ** 3))
+    null = (null - mean) / spread
+    return _pearson3_sf((greatest - mean) / spread, np.mean(null * null * null))
 
 
 def _pearson3_sf(value: float, skewness: float) -> float:
