@@ -57,7 +57,7 @@ def num_outdated(
     timeless = [
         c for c in channels if abs(samples.states[:, c] @ age) <= _MOST_CORRELATED * len(age)
     ]
-    test = ConditionalTest(samples.with_channels(is_after), gamma, random_state)
+    test = ConditionalTest(samples.with_channels(is_after), gamma, random_state, level=_LEVEL)
     pvalues = test([(num_channels + i,) for i in range(len(moments))], timeless)
     clearest = int(np.argmin(pvalues))
     is_change = pvalues[clearest] * len(moments) <= _LEVEL

@@ -80,7 +80,8 @@ class ConditionalMISelector(SensorSelector):
         5 %, median and 95 % of the scores that sensors which tell nothing have at the same place:
         a normal law fitted to six, each with its trajectories exchanged between the episodes.
     spoke_by_ : list of tuple of int
-        The channels that spoke for each sensor: all of it, or the best of many.
+        The channels that spoke for each sensor: all of it, or the best of many; of one that never
+        changed, none.
     num_duplicates_ : int
         Episodes that were there twice, states and rewards alike, and left out.
 
@@ -206,7 +207,7 @@ class ConditionalMISelector(SensorSelector):
         findings = [f._replace(sensor=live[f.sensor]) for f in findings]
         if self.num_features is None and dead:
             score = findings[num_selected - 1].score if num_selected else 0.0
-            findings += [Finding(i, sensors[i], score) for i in dead]
+            findings += [Finding(i, (), score) for i in dead]
             null = np.vstack([null, np.full((len(dead), 3), score)])
         self._keep_evidence(findings, null)
         return Ranking([f.sensor for f in findings], [f.score for f in findings], num_selected)
@@ -215,7 +216,8 @@ class ConditionalMISelector(SensorSelector):
         """Return the findings, the scores of what tells nothing, and how many are selected."""
         samples = samples.with_channels(standardized(samples.owner[:, None].astype(float)))
         age = samples.states.shape[1] - 1
-        test = ConditionalTest(samples, self.gamma, self.random_state)
+        level = max(self.significance, _DRIFT_LEVEL)
+        test = ConditionalTest(samples, self.gamma, self.random_state, level=level)
         background = [age] if test([(age,)], [])[0] <= _DRIFT_LEVEL else []
         units = [(channel,) for sensor in living for channel in sensor]
         likely = np.argsort(test(units, background), kind='stable')[:_MAX_COMPARED]

@@ -35,8 +35,6 @@ _NUM_CENTERS, _NUM_FUNCTIONS = 50, 60
 #: episodes have to do with.
 _WHITENINGS = np.array([1e-1, 1e-2])
 _NUM_SIGNS, _NUM_EXCHANGES = 2000, 300
-#: p-value by signs up to which places are exchanged as well; above, nothing speaks for a sensor.
-_DOUBTFUL = 0.05
 #: Share of its variance that a channel must have for itself.
 _LEAST_OWN_SHARE = 1e-3
 
@@ -51,10 +49,13 @@ class ConditionalTest:
         Discount factor of the returns.
     random_state : int
         Seed of folds, centres, signs and exchanges.
+    level : float
+        p-value by signs up to which places are exchanged as well.
 
     """
 
-    def __init__(self, samples: Samples, gamma: float, random_state: int):
+    def __init__(self, samples: Samples, gamma: float, random_state: int, *, level: float = 0.05):
+        self._level = level
         rng = np.random.default_rng([random_state, 1])
         stride = -(-len(samples.step) // _MAX_ROWS)
         rows = np.flatnonzero((samples.step + samples.owner) % stride == 0)
@@ -132,8 +133,8 @@ class ConditionalTest:
     def _exchanged(self, rng):
         """Return the rows of which each row has the remainder in each exchange: (exchanges, N).
 
-        The episodes stand in a random circle, and each takes what is left at its steps from the
-        next one that is as long.
+        The episodes stand in a random circle, and each takes what is left at its steps, or at those
+        nearest where rows were thinned, from the next one that is as long.
         """
         lengths = [len(rows) for rows in self._episodes]
         owner = np.repeat(np.arange(len(lengths)), lengths)
@@ -161,7 +162,7 @@ class ConditionalTest:
             for _, errors in remainders
         ]
         pvalue = _tail(observed, statistics([self._signs @ of_episodes for of_episodes in sums]))
-        if pvalue <= _DOUBTFUL:
+        if pvalue <= self._level:
             totals = [left[self._exchanges] @ functions @ axes for left, _ in remainders]
             pvalue = max(pvalue, _tail(observed, statistics(totals)))
         return pvalue
@@ -180,6 +181,8 @@ def _tail(observed: np.ndarray, drawn: np.ndarray) -> float:
     greatest = ((observed - means)[kept] / spreads[kept]).max()
     null = ((drawn - means)[:, kept] / spreads[kept]).max(axis=1)
     mean, spread = null.mean(), null.std()
+    if spread == 0:
+        return 1.0
     null = (null - mean) / spread
     return _pearson3_sf((greatest - mean) / spread, np.mean(null * null * null))
 

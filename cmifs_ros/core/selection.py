@@ -79,7 +79,7 @@ class Selection:
     @property
     def num_live(self) -> int:
         """How many sensors, the first of the ranking, ever changed: the rest has no score."""
-        return len(self.ranking) - sum(low == high for low, _, high in self.null_scores)
+        return len(self.ranking) - self.spoke_by.count(())
 
 
 def select(

@@ -78,7 +78,7 @@ def null_scores(
     ]
     first = samples.states.shape[1]
     criterion = make_criterion(samples.with_channels(np.column_stack(shadows)))
-    # All in one call, which shares the work best; of equal places the criterion scores one.
-    beside = [[*given, first + i] for given in places for i in range(_NUM_SHADOWS)]
-    scores = criterion(beside).reshape(-1, _NUM_SHADOWS)
-    return scores.mean(axis=1, keepdims=True) + scores.std(axis=1, ddof=1, keepdims=True) * _BAND
+    # Of equal places the criterion scores one.
+    beside = ([[*given, first + i] for i in range(_NUM_SHADOWS)] for given in places)
+    scores = [criterion(subsets) for subsets in beside]
+    return np.array([of.mean() + of.std(ddof=1) * _BAND for of in scores])

@@ -103,8 +103,6 @@ class SelectionQueue:
         self._on_outcome = on_outcome
         self.timeout = timeout
         self._worker = WorkerProcess(prepare)
-        with suppress(OSError):  # It is told when a selection asks for one in vain.
-            self._worker.start()
         self._running: Job | None = None
         self._started_at = 0.0
         self._joined: list[Callable[[Outcome], None]] = []
@@ -130,6 +128,11 @@ class SelectionQueue:
     def worker_pid(self) -> int | None:
         """Process id of the worker, or None when none runs."""
         return self._worker.pid
+
+    def start(self) -> None:
+        """Have the worker prepared before there is a selection to make."""
+        with suppress(OSError):  # It is told when a selection asks for one in vain.
+            self._worker.start()
 
     def request(self, cause: str, answer: Callable[[Outcome], None]) -> None:
         """Ask for a selection; `answer` is called with its outcome."""
@@ -168,9 +171,10 @@ class SelectionQueue:
 
         Whoever waits is answered, also those that wait for the next one.
         """
-        was_busy = self.busy
+        if not self.busy:
+            return False
         self._give_up(CANCELLED)
-        return was_busy
+        return True
 
     def stop(self) -> bool:
         """End the worker process at once, and answer those who wait; return whether any did."""

@@ -128,6 +128,7 @@ class SelectorNode(Node):
         if self._settings['episodes_path']:
             self._storage = SelectorStorage(self, self._settings['episodes_path'])
             self._restore()
+        self._queue.start()
         self.get_logger().info(f'waiting for {" and ".join(self._input.topics)}')
 
     def destroy_node(self) -> None:

@@ -54,6 +54,7 @@ class SelectorStorage:
                 self._saver = None
                 aside = f'stays ({failure.strerror}), and nothing is saved'
             self._error = f'{path} {reason}; it {aside}, and the selector starts empty'
+            self._log_error()
             return None
         names = saved.selection.names if saved.selection is not None else ['nothing']
         self._node.get_logger().info(
@@ -93,8 +94,11 @@ class SelectorStorage:
                 'file bytes': saver.nbytes,
                 'seconds of the last save': f'{saver.seconds:.3f}',
             }
+        self._log_error()
+        level = diagnostics.ERROR if self._error else diagnostics.OK
+        return diagnostics.status(name, level, self._error or 'saving', values)
+
+    def _log_error(self) -> None:
         if self._error not in ('', self._logged_error):
             self._node.get_logger().error(self._error)
         self._logged_error = self._error
-        level = diagnostics.ERROR if self._error else diagnostics.OK
-        return diagnostics.status(name, level, self._error or 'saving', values)

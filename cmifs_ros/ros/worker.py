@@ -8,9 +8,10 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from multiprocessing.connection import wait
 
 #: In a worker process, the share `done` of its job, which its parent reads.
@@ -124,13 +125,8 @@ class WorkerProcess:
             initargs=(self._done, self._prepare),
         )
         others = set(multiprocessing.active_children())
-        # The child inherits the mask: Ctrl-C reaches the whole terminal group, and a worker
-        # that is still importing would print a traceback.
-        blocked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-        try:
+        with _inherited():
             future = self._pool.submit(function, *args)
-        finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
         # None if it is dead already, which its future then tells.
         self._process = next(iter(set(multiprocessing.active_children()) - others), None)
         return future
@@ -141,10 +137,28 @@ def report_progress(fraction: float) -> None:
     _shared['done'].value = fraction
 
 
+@contextmanager
+def _inherited() -> Iterator[None]:
+    """Make what a new process inherits from this one.
+
+    No Ctrl-C, which reaches the whole terminal group: a process that is still importing would print
+    a traceback. And one thread for the linear algebra, which reads that when it is imported.
+    """
+    blocked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    names = [f'{library}_NUM_THREADS' for library in ('OPENBLAS', 'MKL', 'OMP', 'BLIS')]
+    own = {name: os.environ[name] for name in names if name in os.environ}
+    os.environ |= dict.fromkeys(names, '1')
+    try:
+        yield
+    finally:
+        for name in names:
+            del os.environ[name]
+        os.environ |= own
+        signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
+
+
 def _initialize(done: ctypes.c_double, prepare: Callable[[], None]) -> None:
     _shared['done'] = done
-    for library in ('OPENBLAS', 'MKL', 'OMP', 'BLIS'):  # Read when NumPy is first imported.
-        os.environ[f'{library}_NUM_THREADS'] = '1'
     os.nice(5)
     end_with_parent()
     prepare()

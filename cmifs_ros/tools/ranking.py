@@ -38,7 +38,7 @@ def num_taken(selection: Selection) -> int:
     These are the selected; without evidence, which tells them from the rest, it is all.
     """
     spoke_by = selection.spoke_by or [selection.names] * len(selection.ranking)
-    return sum(set(spoke) <= set(selection.names) for spoke in spoke_by)
+    return sum(bool(spoke) and set(spoke) <= set(selection.names) for spoke in spoke_by)
 
 
 def draw_ranking(selection: Selection):

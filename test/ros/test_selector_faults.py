@@ -81,8 +81,8 @@ def test_a_worker_may_be_killed_again_and_again(selector, robot):
 
 
 def test_a_selection_that_takes_too_long_is_ended_and_the_next_one_works(selector, robot):
-    robot.publish_episodes(normal_episodes(), NAMES)
-    robot.wait_for_episodes(24)
+    robot.publish_episodes(rollout('with_gravel', 40, seed=0), channel_names('with_gravel'))
+    robot.wait_for_episodes(40)
     assert robot.set_parameter('selection_timeout', 0.01).successful
     reply = robot.call(robot.select_client)
     assert not reply.success
@@ -166,7 +166,7 @@ def test_huge_and_constant_values_are_answered(selector, robot):
     robot.wait_for_episodes(24)
     reply = robot.call(robot.select_client)
     answer = json.loads(reply.message)
-    assert 'names' in answer if reply.success else answer['error']
+    assert set(answer['names']) <= set(NAMES) if reply.success else answer['error']
     robot.call(robot.clear_client)
     robot.publish_episodes(normal_episodes(), NAMES, begin=2 * 10**12)
     robot.wait_for_episodes(24)

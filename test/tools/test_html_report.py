@@ -82,7 +82,7 @@ def test_the_page_shows_the_evidence_of_each_sensor_and_what_was_dropped(tmp_pat
 
 
 def test_sensors_that_never_changed_stand_below_the_table(tmp_path):
-    still = replace(SELECTION, null_scores=(*SELECTION.null_scores[:2], (0.375,) * 3))
+    still = replace(SELECTION, spoke_by=(*SELECTION.spoke_by[:2], ()))
     page = Page(write_report(tmp_path, still, make_episodes(), NAMES, {}))
     assert '<td class="name">battery</td>' not in page.source
     assert '<p>Never changed, and so tell nothing: battery</p>' in page.source

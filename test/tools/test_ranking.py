@@ -44,14 +44,14 @@ def test_the_table_has_the_evidence_where_there_is_some():
 
 
 def test_sensors_that_never_changed_stand_below_the_table_and_in_no_picture():
-    still = replace(FULL, null_scores=(*FULL.null_scores[:2], (0.25, 0.25, 0.25)))
+    still = replace(FULL, spoke_by=(*FULL.spoke_by[:2], ()))
     assert still.num_live == 2
     *_, last, below = ranking_text(still).splitlines()
     assert 'scan' in last
     assert below == 'never changed: still'
     axes = draw_ranking(still).figure.axes
     assert [label.get_text() for label in axes[-1].get_xticklabels()] == ['x', 'scan']
-    nothing = replace(still, null_scores=((0.0,) * 3,) * 3)
+    nothing = replace(still, spoke_by=((),) * 3)
     assert ranking_text(nothing).splitlines()[1:] == ['never changed: x, scan, still']
     draw_ranking(nothing)
 

@@ -1,0 +1,24 @@
+"""What the worker process inherits from the node."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+from cmifs_ros.ros.worker import WorkerProcess
+
+
+@pytest.mark.parametrize('own', [None, '7'])
+def test_its_linear_algebra_has_one_thread_whatever_that_of_the_node_has(monkeypatch, own):
+    monkeypatch.delenv('OPENBLAS_NUM_THREADS', raising=False)
+    if own is not None:
+        monkeypatch.setenv('OPENBLAS_NUM_THREADS', own)
+    worker = WorkerProcess(os.getpid)
+    worker.start()
+    try:
+        # What it was started with: the library reads that when it is imported.
+        inherited = Path(f'/proc/{worker.pid}/environ').read_bytes().split(b'\0')
+        assert b'OPENBLAS_NUM_THREADS=1' in inherited
+        assert os.environ.get('OPENBLAS_NUM_THREADS') == own
+    finally:
+        worker.stop()
