@@ -20,6 +20,7 @@ from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState
+from slow_episodes import SLOW_NAMES, slow_episodes
 from std_msgs.msg import Header, Int32MultiArray
 from std_srvs.srv import Trigger
 
@@ -201,6 +202,12 @@ class Robot:
                 self.publish_reward(stamp, RewardSample(reward, False, ends, number, step))
                 stamp += period
                 self.executor.spin_once(timeout_sec=0)
+        return stamp
+
+    def publish_slow_episodes(self, begin=1):
+        """Publish 40 episodes whose selection takes seconds; return the stamp after the last."""
+        stamp = self.publish_episodes(slow_episodes(40), SLOW_NAMES, begin)
+        self.wait_for_episodes(40)
         return stamp
 
     def value(self, key, status='selector: input'):

@@ -16,7 +16,6 @@ from std_msgs.msg import Float64
 from cmifs_ros.collect.transitions import RewardSample
 from cmifs_ros.core import Episode
 from cmifs_ros.ros import conversions
-from cmifs_ros.sim import channel_names, rollout
 from studies.soak.messages import random_reward, random_state
 
 NAMES = ('a', 'b', 'c')
@@ -65,9 +64,7 @@ def test_a_worker_may_be_killed_again_and_again(selector, robot):
         robot.until(lambda: robot.diagnostics[SELECTION][2]['worker pid'] == 'none')
     assert robot.call(robot.select_client).success
     robot.call(robot.clear_client)
-    slow = rollout('with_gravel', 40, seed=0)
-    stamp = robot.publish_episodes(slow, channel_names('with_gravel'), begin=stamp)
-    robot.wait_for_episodes(40)
+    stamp = robot.publish_slow_episodes(begin=stamp)
     for _ in range(2):
         future = robot.select_client.call_async(robot.select_client.srv_type.Request())
         kill_worker('computing')
@@ -81,8 +78,7 @@ def test_a_worker_may_be_killed_again_and_again(selector, robot):
 
 
 def test_a_selection_that_takes_too_long_is_ended_and_the_next_one_works(selector, robot):
-    robot.publish_episodes(rollout('with_gravel', 40, seed=0), channel_names('with_gravel'))
-    robot.wait_for_episodes(40)
+    robot.publish_slow_episodes()
     assert robot.set_parameter('selection_timeout', 0.01).successful
     reply = robot.call(robot.select_client)
     assert not reply.success
@@ -319,8 +315,7 @@ def test_whole_numbers_are_floats_and_unknown_parameters_named(start, robot):
 
 
 def test_a_selection_can_be_cancelled_and_the_next_one_works(selector, robot):
-    robot.publish_episodes(rollout('with_gravel', 40, seed=0), channel_names('with_gravel'))
-    robot.wait_for_episodes(40)
+    robot.publish_slow_episodes()
     cancel = robot.node.create_client(robot.select_client.srv_type, 'selector/cancel')
     robot.until(cancel.service_is_ready)
     assert not robot.call(cancel).success
@@ -334,8 +329,7 @@ def test_a_selection_can_be_cancelled_and_the_next_one_works(selector, robot):
 
 
 def test_whoever_waits_is_answered_when_the_node_ends(selector, robot):
-    robot.publish_episodes(rollout('with_gravel', 40, seed=0), channel_names('with_gravel'))
-    robot.wait_for_episodes(40)
+    robot.publish_slow_episodes()
     assert robot.set_parameter('worker_threads', 2).successful
     future = robot.select_client.call_async(robot.select_client.srv_type.Request())
     robot.until(lambda: robot.diagnostics[SELECTION][2]['worker'] == 'computing')

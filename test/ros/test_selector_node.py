@@ -11,6 +11,7 @@ from ament_index_python.packages import get_package_share_directory
 from processes import is_running
 from rcl_interfaces.srv import DescribeParameters, ListParameters
 from sensor_msgs.msg import JointState
+from slow_episodes import SLOW_NAMES, slow_episodes
 
 from cmifs_ros.collect.transitions import RewardSample
 from cmifs_ros.core import ConditionalMISelector, Episode, KDRSelector
@@ -148,33 +149,31 @@ def test_too_few_episodes_are_refused_with_the_numbers(selector, robot):
 
 
 def test_state_keeps_flowing_and_nothing_is_lost_while_a_selection_runs(selector, robot, capsys):
-    names = channel_names('with_gravel')
-    robot.publish_episodes(rollout('with_gravel', 30, seed=0), names)
-    robot.wait_for_episodes(30)
+    robot.publish_slow_episodes()
     robot.set_parameter('max_episodes', 1000)
     robot.set_parameter('num_features', 2)
     robot.selected.clear()
     robot.arrivals.clear()
 
     future = robot.select_client.call_async(robot.select_client.srv_type.Request())
-    more = rollout('with_gravel', 400, seed=1)
+    more = slow_episodes(400, seed=1)
     stamp, sent, period = 10**12, 0, 0.005
     begin = time.monotonic()
     while not future.done():
         assert sent < len(more), 'the selection took too long for this test'
-        stamp = robot.publish_episodes([more[sent]], names, begin=stamp)
+        stamp = robot.publish_episodes([more[sent]], SLOW_NAMES, begin=stamp)
         sent += 1
         deadline = begin + sent * 20 * period
         robot.until(lambda deadline=deadline: time.monotonic() >= deadline or future.done())
     assert future.result().success
-    robot.wait_for_episodes(30 + sent)
+    robot.wait_for_episodes(40 + sent)
     robot.until(lambda: len(robot.selected) == 20 * sent)
     gap = max(np.diff(robot.arrivals))
     with capsys.disabled():
         print(f' {sent} episodes during the selection, largest gap {gap:.3f} s ', end='')
     assert sent > 3
     assert gap < 1.0
-    assert robot.value('transitions') == 20 * (30 + sent)
+    assert robot.value('transitions') == 20 * (40 + sent)
     assert not [key for key in robot.diagnostics['selector: input'][2] if 'dropped' in key]
 
 
@@ -420,8 +419,7 @@ def test_after_a_clear_other_channels_pass_until_they_are_selected_from(selector
 
 
 def test_a_selection_of_cleared_episodes_is_answered_but_not_used(selector, robot):
-    robot.publish_episodes(rollout('with_gravel', 40, seed=0), channel_names('with_gravel'))
-    robot.wait_for_episodes(40)
+    robot.publish_slow_episodes()
     future = robot.select_client.call_async(robot.select_client.srv_type.Request())
     status = 'selector: selection'
     robot.until(lambda: robot.diagnostics[status][2]['worker'] == 'computing')
@@ -473,8 +471,7 @@ def test_a_signal_during_start_up_ends_the_node_cleanly(start, robot, number):
 def test_signals_end_the_node_and_its_workers_cleanly(selector, robot, number, moment, cores):
     robot.set_parameter('worker_threads', cores)
     if moment != 'idle':
-        robot.publish_episodes(rollout('with_gravel', 40, seed=0), channel_names('with_gravel'))
-        robot.wait_for_episodes(40)
+        robot.publish_slow_episodes()
         robot.select_client.call_async(robot.select_client.srv_type.Request())
         # The tracker, the worker, and those that it shares the work with.
         robot.until(lambda: len(selector.children()) >= 2)
@@ -493,8 +490,7 @@ def test_signals_end_the_node_and_its_workers_cleanly(selector, robot, number, m
 @pytest.mark.parametrize('cores', [1, 2])
 def test_no_worker_outlives_a_killed_node(selector, robot, cores):
     robot.set_parameter('worker_threads', cores)
-    robot.publish_episodes(rollout('with_gravel', 40, seed=0), channel_names('with_gravel'))
-    robot.wait_for_episodes(40)
+    robot.publish_slow_episodes()
     robot.select_client.call_async(robot.select_client.srv_type.Request())
     status = 'selector: selection'
     robot.until(lambda: robot.diagnostics[status][2]['worker'] == 'computing')
