@@ -71,7 +71,7 @@ class Row(NamedTuple):
 ROWS = (
     Row('point_robot', 60, are_first, '>= 90 %'),
     Row('point_robot', 60, are_first, 'to compare', 'forest'),
-    Row('lidar_world', 80, are_first, 'to compare'),
+    Row('lidar_world', 80, are_first, 'to compare', 'default'),
     Row('lidar_world', 80, are_first, 'to compare', 'forest'),
     Row('lidar_world', 80, all_found, '>= 80 %'),
     Row('lidar_world', 80, anything_else, '<= 5 %'),
