@@ -15,6 +15,7 @@ import itertools
 import sys
 import time
 import warnings
+from collections import Counter
 from importlib.util import find_spec
 from pathlib import Path
 from typing import NamedTuple
@@ -130,27 +131,39 @@ def read(path: Path) -> list[dict[str, str]]:
     return [dict(zip(COLUMNS, row, strict=True)) for row in rows]
 
 
-def table(rows: list[dict[str, str]], cases: list[Case], regressors: list[str]) -> str:
-    """Return the mean returns, standard errors and times of the finished trials as Markdown."""
+def learned_table(rows: list[dict[str, str]], options: argparse.Namespace, tasks: list[str]) -> str:
+    """Return the mean return that is learned on each choice of channels, as Markdown."""
     lines = []
-    for (task, episodes), group in itertools.groupby(cases, lambda case: case[:2]):
-        own = [r for r in rows if (r['task'], int(r['episodes'])) == (task, episodes)]
-        sees_here = list(dict.fromkeys(case.sees for case in group))
-        for regressor, sees in itertools.product(regressors, sees_here):
-            found = [r for r in own if (r['regressor'], r['sees']) == (regressor, sees)]
-            if found:
-                mean, error = mean_and_error([float(r['return']) for r in found])
-                behaviour, _ = mean_and_error([float(r['behaviour']) for r in found])
-                count = np.mean([len(r['channels'].split()) for r in found])
-                lines.append((
-                    task, episodes, regressor, sees, f'{count:.1f}', f'{behaviour:.2f}',
-                    f'{mean:.2f} ± {error:.2f}', len(found),
-                    f'{np.median([float(r["seconds"]) for r in found]):.1f}',
-                    f'{np.median([float(r["ms_per_decision"]) for r in found]):.2f}',
-                ))  # fmt: skip
-    head = ('task', 'episodes', 'regressor', 'sees', 'channels', 'behaviour', 'learned', 'trials',
-            's to learn', 'ms a decision')  # fmt: skip
-    return markdown_table(head, lines)
+    for task, episodes, regressor in itertools.product(tasks, options.episodes, options.regressors):
+        own = [r for r in rows if (r['task'], r['regressor']) == (task, regressor)]
+        own = [r for r in own if int(r['episodes']) == episodes]
+        if not own:
+            continue
+        cells = []
+        for sees in options.sees:
+            returns = [float(r['return']) for r in own if r['sees'] == sees]
+            mean, error = mean_and_error(returns) if returns else (np.nan, np.nan)
+            cells.append(f'{mean:.1f} ± {error:.1f}')
+        behaviour = np.mean([float(r['behaviour']) for r in own if not r['sees'].endswith('again')])
+        trials = min(Counter(r['sees'] for r in own).values())
+        lines.append((task, episodes, regressor, trials, f'{behaviour:.1f}', *cells))
+    return markdown_table(
+        ('task', 'episodes', 'regressor', 'trials', 'behaviour', *options.sees), lines
+    )
+
+
+def costs_table(rows: list[dict[str, str]], options: argparse.Namespace) -> str:
+    """Return the number of channels and the median times, over all tasks, as Markdown."""
+    lines = []
+    for regressor, sees in itertools.product(options.regressors, options.sees):
+        own = [r for r in rows if (r['regressor'], r['sees']) == (regressor, sees)]
+        if own:
+            lines.append((
+                regressor, sees, f'{np.mean([len(r["channels"].split()) for r in own]):.1f}',
+                f'{np.median([float(r["seconds"]) for r in own]):.1f}',
+                f'{np.median([float(r["ms_per_decision"]) for r in own]):.2f}',
+            ))  # fmt: skip
+    return markdown_table(('regressor', 'sees', 'channels', 's to learn', 'ms a decision'), lines)
 
 
 def run(options: argparse.Namespace) -> None:
@@ -180,9 +193,9 @@ def run(options: argparse.Namespace) -> None:
             file.flush()
     asked_for = {tuple(map(str, case)) for case in cases}
     rows = [r for r in read(options.out) if tuple(r[key] for key in COLUMNS[:4]) in asked_for]
-    kinds = sorted(dict.fromkeys(cases), key=lambda c: (options.tasks.index(c.task), c.episodes))
     print(f'\nreturn over {FRESH_EPISODES} fresh episodes; seeds from {FIRST_SEED}\n')
-    print(table(rows, kinds, options.regressors), end='')
+    print(learned_table(rows, options, tasks))
+    print(costs_table(rows, options), end='')
 
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:

@@ -89,7 +89,11 @@ def test_an_interrupted_study_goes_on_where_it_was(tmp_path, capsys):
     assert path.read_text().startswith(''.join(lines[:2]))
     again = list(csv.DictReader(path.read_text().splitlines()))
     assert [(r['sees'], r['return']) for r in again] == [(r['sees'], r['return']) for r in rows]
-    assert '| without_gravel | 10 | nearest | relevant | 2.0 |' in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    learned = ' | '.join(f'{float(row["return"]):.1f} ± 0.0' for row in rows)
+    behaviour = float(rows[0]['behaviour'])
+    assert f'| without_gravel | 10 | nearest | 1 | {behaviour:.1f} | {learned} |' in printed
+    assert '| nearest | relevant | 2.0 |' in printed
 
 
 def test_the_second_half_is_collected_by_what_was_learned():
