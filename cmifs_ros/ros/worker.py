@@ -107,6 +107,8 @@ class WorkerProcess:
         if self._process is not None:
             self._process.kill()
         if self._pool is not None:
+            # Nobody reads what is on its way, for which old Pythons would wait (gh-94777).
+            self._pool._call_queue._reader.close()
             self._pool.shutdown(wait=True, cancel_futures=True)
         self._pool = self._process = self._future = None
 

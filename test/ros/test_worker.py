@@ -1,6 +1,8 @@
 """What the worker process inherits from the node."""
 
 import os
+import time
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -22,3 +24,11 @@ def test_its_linear_algebra_has_one_thread_whatever_that_of_the_node_has(monkeyp
         assert os.environ.get('OPENBLAS_NUM_THREADS') == own
     finally:
         worker.stop()
+
+
+def test_it_ends_at_once_while_a_large_job_is_on_its_way_to_it():
+    worker = WorkerProcess(partial(time.sleep, 60))
+    worker.submit(len, bytes(10_000_000))
+    begin = time.monotonic()
+    worker.stop()
+    assert time.monotonic() - begin < 30
