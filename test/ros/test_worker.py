@@ -16,10 +16,12 @@ def test_its_linear_algebra_has_one_thread_whatever_that_of_the_node_has(monkeyp
     if own is not None:
         monkeypatch.setenv('OPENBLAS_NUM_THREADS', own)
     worker = WorkerProcess(os.getpid)
-    worker.start()
+    worker.submit(os.getpid)
     try:
+        while (job := worker.outcome()) is None:
+            time.sleep(0.01)
         # What it was started with: the library reads that when it is imported.
-        inherited = Path(f'/proc/{worker.pid}/environ').read_bytes().split(b'\0')
+        inherited = Path(f'/proc/{job.result()}/environ').read_bytes().split(b'\0')
         assert b'OPENBLAS_NUM_THREADS=1' in inherited
         assert os.environ.get('OPENBLAS_NUM_THREADS') == own
     finally:
