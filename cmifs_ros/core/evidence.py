@@ -11,9 +11,12 @@ where what is left of the return has changed places between the episodes. Neithe
 itself: the signs of a few episodes that hold most of what is to be explained say too little of
 chance, and places are not alike where the noise depends on what is given.
 
-What is left of the return is looked at as it is and by its temporal differences (Sutton, Learning
-to predict by the methods of temporal differences, 1988): what a step alone adds has less noise than
-all that comes after it.
+What is left of the return is looked at less all, and less a part, of what is left at the next step
+(Sutton, Learning to predict by the methods of temporal differences, 1988): what the next steps add
+has less noise than all that comes after. The functions are Gaussians, which see every shape, and
+products with the given channels, which see few shapes but these from few episodes. Their p-values
+are combined by their mean in the scale of a Cauchy variable, whatever they have to do with each
+other (Liu & Xie, Cauchy combination test, 2020).
 """
 
 from __future__ import annotations
@@ -21,7 +24,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy import special
+from scipy import linalg, special
 
 from .kernel_ridge import KernelRidge, squared_distances
 from .samples import Samples, standardized
@@ -34,7 +37,11 @@ _NUM_CENTERS, _NUM_FUNCTIONS = 50, 60
 #: How far these functions are whitened: only the strongest, and all but the weakest, which few
 #: episodes have to do with.
 _WHITENINGS = np.array([1e-1, 1e-2])
+#: Shares that are taken off what is left at a step of what is left at the next.
+_SHARES_OF_NEXT = (0.6, 1.0)
 _NUM_SIGNS, _NUM_EXCHANGES = 2000, 300
+#: A p-value counts as no more beside others: one that is all but 1 would outweigh all of them.
+_GREATEST = 0.95
 #: Share of its variance that a channel must have for itself.
 _LEAST_OWN_SHARE = 1e-3
 
@@ -94,7 +101,10 @@ class ConditionalTest:
         left = regression.residual(self._returns[:, None], choice)[:, 0]
         errors = regression.left_out(left, choice, self._episodes)
         # Each after a fit to all episodes, and after a fit to the others, which shows all errors.
-        remainders = [(left, errors), (self._differences(left), self._differences(errors))]
+        remainders = [
+            (self._differences(left, share), self._differences(errors, share))
+            for share in _SHARES_OF_NEXT
+        ]
         of_given = self._gaussians(points)
         channels = list(dict.fromkeys(c for candidate in candidates for c in candidate))
         fits = dict(zip(channels, regression.tuned(self._states[:, channels]), strict=True))
@@ -106,26 +116,29 @@ class ConditionalTest:
             ]
             own = [o / o.std() for o in own if o.var() > _LEAST_OWN_SHARE]
             if own:
-                functions = self._functions_of(np.column_stack(own), of_given)
-                functions = regression.residual(functions, choice)
-                pvalues.append(self._pvalue(functions, remainders))
+                own = np.column_stack(own)
+                families = [_products(own, points), self._bumps(own, of_given)]
+                whitened = [_whitened(regression.residual(f, choice)) for f in families]
+                functions = np.hstack([functions for functions, _ in whitened])
+                weights = linalg.block_diag(*[weights for _, weights in whitened])
+                pvalues.append(self._pvalue(functions, weights, remainders))
             else:
                 pvalues.append(1.0)
         return pvalues
 
-    def _differences(self, residual):
-        """Return residuals less the discounted ones of the next row: the Bellman residuals."""
+    def _differences(self, residual, share):
+        """Return residuals less a share of the discounted ones of the next row."""
         differences = residual.copy()
         for rows in self._episodes:
-            differences[rows[:-1]] -= self._discount * residual[rows[1:]]
+            differences[rows[:-1]] -= share * self._discount * residual[rows[1:]]
         return differences
 
     def _gaussians(self, points):
         distances = squared_distances(points, points[self._functions])
         return np.exp(distances / (-2 * points.shape[1]))
 
-    def _functions_of(self, own, of_given):
-        """Return functions of what the sensor has for itself and of what is given: (N, k)."""
+    def _bumps(self, own, of_given):
+        """Return Gaussians of what the sensor has for itself and of what is given: (N, k)."""
         of_sensor = self._gaussians(own)
         of_sensor -= of_sensor.mean(axis=0)  # no function of the given channels alone
         return np.hstack([of_sensor * of_given, own])
@@ -148,43 +161,63 @@ class ConditionalTest:
         np.put_along_axis(exchanged, order, order[:, following], axis=1)
         return exchanged
 
-    def _pvalue(self, functions: np.ndarray, remainders) -> float:
+    def _pvalue(self, functions: np.ndarray, weights: np.ndarray, remainders) -> float:
         """Return the probability that chance alone brings about products that large."""
-        variances, axes = np.linalg.eigh(functions.T @ functions / len(functions))
-        weights = 1 / (np.maximum(variances, 0)[:, None] + variances.max() * _WHITENINGS)
 
-        def statistics(totals):
-            return np.hstack([total**2 @ weights for total in totals])
+        def combined(draw):
+            tails = []
+            for left, errors in remainders:
+                observed = (left @ functions) ** 2 @ weights
+                tails += _tails(observed, draw(left, errors) ** 2 @ weights)
+            return combined_pvalue(tails)
 
-        observed = statistics([left @ functions @ axes for left, _ in remainders])
-        sums = [
-            np.add.reduceat(functions * errors[:, None], self._starts) @ axes
-            for _, errors in remainders
-        ]
-        pvalue = _tail(observed, statistics([self._signs @ of_episodes for of_episodes in sums]))
-        if pvalue <= self._level:
-            totals = [left[self._exchanges] @ functions @ axes for left, _ in remainders]
-            pvalue = max(pvalue, _tail(observed, statistics(totals)))
-        return pvalue
+        def by_signs(left, errors):
+            return self._signs @ np.add.reduceat(functions * errors[:, None], self._starts)
+
+        def by_places(left, errors):
+            return left[self._exchanges] @ functions
+
+        pvalue = combined(by_signs)
+        return max(pvalue, combined(by_places)) if pvalue <= self._level else pvalue
 
 
-def _tail(observed: np.ndarray, drawn: np.ndarray) -> float:
-    """Return the p-value of several statistics (s,) of which some were drawn by chance (n, s).
+def _products(own, given):
+    """Return products of what the sensor has for itself with itself and the given: (N, k)."""
+    squares = [own[:, [i]] * own[:, i:] for i in range(own.shape[1])]
+    with_given = [own[:, [i]] * given for i in range(own.shape[1])]
+    return np.hstack([own, *with_given, *[square - square.mean(axis=0) for square in squares]])
 
-    The greatest, each less its mean and divided by its deviation, is compared with a law of three
-    moments (Winkler et al., Faster permutation inference in brain imaging, 2016).
+
+def _whitened(functions):
+    """Return functions (N, k) of their own, and the weights of their squares in statistics (k, s).
+
+    The functions are along the principal axes; the weights make them alike as far as it goes.
+    """
+    variances, axes = np.linalg.eigh(functions.T @ functions / len(functions))
+    weights = 1 / (np.maximum(variances, 0)[:, None] + variances.max() * _WHITENINGS)
+    return functions @ axes, weights
+
+
+def _tails(observed: np.ndarray, drawn: np.ndarray) -> list[float]:
+    """Return the p-value of each statistic (s,), of which some were drawn by chance (n, s).
+
+    The law has the three moments of those drawn (Winkler et al., Faster permutation inference in
+    brain imaging, 2016). A statistic that chance leaves as it is has none.
     """
     means, spreads = drawn.mean(axis=0), drawn.std(axis=0)
     kept = spreads > 1e-12 * means
-    if not kept.any():
-        return 1.0
-    greatest = ((observed - means)[kept] / spreads[kept]).max()
-    null = ((drawn - means)[:, kept] / spreads[kept]).max(axis=1)
-    mean, spread = null.mean(), null.std()
-    if spread == 0:
-        return 1.0
-    null = (null - mean) / spread
-    return _pearson3_sf((greatest - mean) / spread, np.mean(null * null * null))
+    scaled = (drawn[:, kept] - means[kept]) / spreads[kept]
+    skewness = np.mean(scaled * scaled * scaled, axis=0)
+    values = (observed - means)[kept] / spreads[kept]
+    return [_pearson3_sf(value, skew) for value, skew in zip(values, skewness, strict=True)]
+
+
+def combined_pvalue(pvalues: Sequence[float]) -> float:
+    """Return the p-value of all of them, dependent as they may be; 1 of none."""
+    if min(pvalues, default=1.0) > _GREATEST:
+        return float(min(pvalues, default=1.0))
+    mean = np.mean(1 / np.tan(np.pi * np.clip(pvalues, 1e-300, _GREATEST)))
+    return float(np.arctan2(1, mean) / np.pi)
 
 
 def _pearson3_sf(value: float, skewness: float) -> float:

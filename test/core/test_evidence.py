@@ -2,9 +2,11 @@
 
 import numpy as np
 import pytest
-from scipy import stats
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy import special, stats
 
-from cmifs_ros.core.evidence import ConditionalTest, _pearson3_sf
+from cmifs_ros.core.evidence import ConditionalTest, _pearson3_sf, combined_pvalue
 from cmifs_ros.core.samples import Samples
 
 NUM_EPISODES, NUM_STEPS, GAMMA = 40, 12, 0.9
@@ -77,6 +79,18 @@ def test_what_tells_only_the_next_reward_is_found_among_the_noise_of_later_ones(
         assert ConditionalTest(samples, 1.0, seed)([(0,)], ())[0] < 1e-3
 
 
+def test_what_a_sensor_tells_only_together_with_a_given_channel_is_found():
+    # Of six given channels one says which way the sensor counts.
+    pvalues = []
+    for seed in range(5):
+        rng = np.random.default_rng(seed)
+        *beside, sensor, hidden = slow(rng, 8).T
+        returns = beside[0] + beside[3] * sensor + 0.5 * hidden
+        test = ConditionalTest(samples_of(returns, np.column_stack([*beside, sensor])), GAMMA, seed)
+        pvalues.append(test([(6,)], range(6))[0])
+    assert np.median(pvalues) < 0.01
+
+
 def test_what_the_given_tell_already_is_nothing():
     seen = []
     for seed in range(20):
@@ -141,6 +155,26 @@ def test_two_episodes_are_too_few():
     rng = np.random.default_rng(0)
     x = slow(rng, 1, 2)
     assert ConditionalTest(samples_of(x[:, 0], x, 2), GAMMA, 0)([(0,)], ())[0] > 0.05
+
+
+@given(st.lists(st.floats(1e-12, 1.0), min_size=1, max_size=8), st.floats(1e-12, 1.0))
+def test_combined_pvalues_lie_between_the_least_and_as_many_times_it(pvalues, same):
+    combined = combined_pvalue(pvalues)
+    assert min(pvalues) * (1 - 1e-9) <= combined <= max(pvalues) * (1 + 1e-9)
+    if combined <= 0.01:
+        assert combined <= 1.01 * len(pvalues) * min(pvalues) + 1e-9
+    assert combined_pvalue([same] * len(pvalues)) == pytest.approx(same)
+    assert combined_pvalue(pvalues[::-1]) == pytest.approx(combined)
+
+
+def test_combined_pvalues_of_chance_are_those_of_chance():
+    rng = np.random.default_rng(0)
+    alone = rng.random((20000, 4))
+    alike = special.ndtr(rng.normal(size=(20000, 1)) + 0.5 * rng.normal(size=(20000, 4)))
+    for pvalues in (alone, stats.rankdata(alike, axis=0) / 20001):
+        share = np.mean([combined_pvalue(p) <= 0.01 for p in pvalues])
+        assert 0.005 < share < 0.013
+    assert combined_pvalue([]) == 1
 
 
 @pytest.mark.parametrize('skewness', [-0.4, 0.0, 0.3, 1.5, 2.5])
