@@ -52,8 +52,8 @@ class ConditionalMISelector(SensorSelector):
         Forward selection, or backward elimination, whose first sensors are then tested.
     groups : mapping of str to sequence of (str or int), optional
         Sensors that deliver several channels: name to channel names or indices. A channel in
-        no group is a sensor by itself. Sensors are selected whole; in forward selection the
-        channel of it that tells most speaks for it.
+        no group is a sensor by itself. Sensors are selected whole; in forward selection those
+        channels of it that tell something speak for it.
     max_time_bins : int or 'auto', optional
         Longer episodes have neighbouring steps pooled into this many bins; None never pools.
         'auto' decides by the score between 32 and a single one.
@@ -80,8 +80,8 @@ class ConditionalMISelector(SensorSelector):
         5 %, median and 95 % of the scores that sensors which tell nothing have at the same place:
         a normal law fitted to six, each with its trajectories exchanged between the episodes.
     spoke_by_ : list of tuple of int
-        The channels that spoke for each sensor: all of it, or the best of many; of one that never
-        changed, none.
+        The channels that spoke for each sensor: all of it, or those of many that tell something,
+        the best first; of one that never changed, none.
     num_duplicates_ : int
         Episodes that were there twice, states and rewards alike, and left out.
 

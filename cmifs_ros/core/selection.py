@@ -40,7 +40,7 @@ class Selection:
     null_scores : tuple of (float, float, float)
         The score that a sensor telling nothing would have at the same place: 5 %, median, 95 %.
     spoke_by : tuple of tuple of str
-        The channels that spoke for the sensor: all of it, or the best of a group.
+        The channels that spoke for the sensor: all of it, or those of a group that tell something.
     stability : tuple of float
         Share of random halves of the episodes in which the sensor is selected; empty if not asked.
     outdated : int

@@ -7,15 +7,18 @@ from typing import NamedTuple
 
 import numpy as np
 
+from .evidence import combined_pvalue
 from .search import Criterion, Sensor
 
 #: Of those without evidence, so many are listed one after the other.
 _MAX_LISTED = 8
 #: Channels of which all pairs are tried where no single one has evidence.
 _MAX_PAIRED = 24
+#: Evidence is strong where it would be so at this share of the level.
+_STRONG = 0.1
 #: p-value, for no choice corrected, from which on nothing speaks for a sensor.
 _LEAST_LIKELY = 0.2
-#: A sensor of so many channels may enter whole; of a larger one, one channel speaks.
+#: A sensor of so many channels may enter whole; of a larger one, one channel enters first.
 _MAX_WHOLE = 3
 
 
@@ -67,29 +70,31 @@ class StepwiseSelection:
         self._significance = significance
         self._background = list(background)
         self._progress = progress
-        self._num_units = sum(len(self._units(i)) for i in range(len(sensors)))
 
     def confirmed(self, start: Sequence[int] = ()) -> list[Finding]:
         """Return the confirmed sensors, in the order in which they were found.
 
-        The search begins with those of `start` that have evidence given each other.
+        The search begins with those of `start` that have evidence given each other. Those of weak
+        evidence come last: what tells much and what stands in for it may score alike.
         """
         known = [f._replace(pvalue=0.0) for f in self._candidates(start, [])]
-        chosen = self._without_superfluous(known, num_candidates=self._num_units)
+        known = self._without_superfluous(known, num_candidates=len(self._sensors))
+        chosen = self._joined([], known)
         while len(chosen) < len(self._sensors):
             found = self._next(chosen)
             if not found and not chosen:
                 found = self._pair()
             if not found:
                 break
-            chosen += found
+            chosen = self._joined(chosen, found)
             self._progress(1 - 0.5 ** len(chosen))
-        return self._scored(self._without_superfluous(chosen))
+        chosen = self._without_superfluous(chosen)
+        return self._scored(sorted(chosen, key=lambda f: f.pvalue > _STRONG * self._significance))
 
     def tested(self, sensors: Sequence[int]) -> list[Finding]:
         """Return those of the sensors, each whole, that have evidence given the others."""
         chosen = [Finding(i, self._sensors[i], 0.0, pvalue=0.0) for i in sensors]
-        return self._scored(self._without_superfluous(chosen, num_candidates=self._num_units))
+        return self._scored(self._without_superfluous(chosen, num_candidates=len(self._sensors)))
 
     def ranked(self, chosen: Sequence[Finding], count: int) -> list[Finding]:
         """Return at most `count` of the other sensors, each tested given those before."""
@@ -128,7 +133,7 @@ class StepwiseSelection:
         return [i for i in range(len(self._sensors)) if i not in used]
 
     def _num_left(self, taken: Sequence[Finding]) -> int:
-        return self._num_units - sum(len(self._units(f.sensor)) for f in taken)
+        return len(self._sensors) - len(taken)
 
     def _candidates(
         self, sensors: Sequence[int], taken: Sequence[Finding], level: float = 1.0
@@ -139,19 +144,38 @@ class StepwiseSelection:
         """
         given = self._given(taken)
         units = [(i, unit) for i in sensors for unit in self._units(i)]
-        pvalues = self._test([unit for _, unit in units], given)
-        units = [(i, unit, p) for (i, unit), p in zip(units, pvalues, strict=True) if p <= level]
-        scores = self._criterion([[*given, *unit] for _, unit, _ in units])
+        of_units = dict(zip(units, self._test([unit for _, unit in units], given), strict=True))
+        of_sensor = {i: combined_pvalue([of_units[i, u] for u in self._units(i)]) for i in sensors}
+        # Where that of a sensor is small enough, that of one of its units is so all the more.
+        units = [(i, u) for (i, u), p in of_units.items() if max(p, of_sensor[i]) <= level]
+        scores = self._criterion([[*given, *unit] for _, unit in units])
         best: dict[int, Finding] = {}
-        for (i, unit, p), score in zip(units, scores, strict=True):
+        for (i, unit), score in zip(units, scores, strict=True):
             if i not in best or score > best[i].score:
-                best[i] = Finding(i, unit, float(score), min(1.0, p * self._num_left(taken)))
+                pvalue = min(1.0, of_sensor[i] * self._num_left(taken))
+                best[i] = Finding(i, unit, float(score), pvalue)
         return sorted(best.values(), key=lambda f: -f.score)
 
     def _next(self, chosen: list[Finding]) -> list[Finding]:
         """Return the best-scored sensor that has evidence given those chosen, or none."""
         level = self._significance / self._num_left(chosen)
         return self._candidates(self._left(chosen), chosen, level)[:1]
+
+    def _joined(self, chosen: list[Finding], found: list[Finding]) -> list[Finding]:
+        """Return both; to those found further channels of their sensors have joined."""
+        for place, finding in enumerate(found):
+            chosen = [*chosen, self._grown(finding, [*chosen, *found[place + 1 :]])]
+        return chosen
+
+    def _grown(self, finding: Finding, others: Sequence[Finding]) -> Finding:
+        """Return the finding with further channels of its sensor, while these tell something."""
+        while left := [c for c in self._sensors[finding.sensor] if c not in finding.channels]:
+            pvalues = self._test([(c,) for c in left], self._given([*others, finding]))
+            likeliest = int(np.argmin(pvalues))
+            if pvalues[likeliest] * len(left) > self._significance:
+                break
+            finding = finding._replace(channels=(*finding.channels, left[likeliest]))
+        return finding
 
     def _pair(self) -> list[Finding]:
         """Return two sensors that have evidence given each other, and a better score together."""

@@ -88,6 +88,25 @@ def test_the_channel_that_speaks_for_a_group_is_named():
     assert spoke['scan'] == (0,)
 
 
+def test_further_channels_of_a_group_speak_where_they_tell_something():
+    joined = []
+    for seed in range(5):
+        rng = np.random.default_rng(seed)
+        scan, noise = rng.normal(size=(2, 60, 15, 8)).cumsum(axis=2)
+        returns = scan[..., 2] + 0.7 * np.abs(scan[..., 6])
+        rewards = returns - 0.95 * np.roll(returns, -1, axis=1)
+        rewards[:, -1] = returns[:, -1]
+        names = [*(f'scan[{i}]' for i in range(8)), *(f'noise_{i}' for i in range(3))]
+        states = np.concatenate([scan, noise[..., :3]], axis=-1)
+        selector = ConditionalMISelector(groups={'scan': names[:8]}).fit(
+            (states, rewards), names=names
+        )
+        assert ranked(selector)[0] == 'scan'
+        assert {2, 6} <= set(selector.spoke_by_[0])
+        joined.append(len(selector.spoke_by_[0]))
+    assert sorted(joined)[:4] == [2] * 4
+
+
 def test_of_equals_the_one_in_use_stays():
     rng = np.random.default_rng(0)
     x, y = rng.normal(size=(2, 60, 12)).cumsum(axis=2)

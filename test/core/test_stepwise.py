@@ -1,0 +1,52 @@
+"""The search by evidence, with p-values and scores that are given."""
+
+import numpy as np
+
+from cmifs_ros.core.stepwise import StepwiseSelection
+
+
+def search(sensors, pvalues, significance=0.05, scores=None):
+    """Return the search where a channel has the p-value given (1 of others), whatever is given."""
+
+    def test(candidates, given):
+        return np.array([min(pvalues.get(c, 1.0) for c in candidate) for candidate in candidates])
+
+    def criterion(subsets):
+        return np.array([(scores or {}).get(subset[-1], 0.0) for subset in subsets])
+
+    return StepwiseSelection(criterion, test, sensors, significance=significance)
+
+
+def found(sensors, pvalues, **options):
+    """Return sensor and channels of what is confirmed."""
+    return [(f.sensor, f.channels) for f in search(sensors, pvalues, **options).confirmed()]
+
+
+def test_a_pvalue_is_corrected_for_the_sensors_that_are_left_not_for_their_channels():
+    wide = tuple(range(3, 40))
+    assert found([(0,), (1,), (2,), wide], {0: 0.012}) == [(0, (0,))]
+    assert found([(0,), (1,), (2,), wide], {0: 0.013}) == []
+    # Of the 37 channels of the sensor one alone has to do so much the more.
+    assert found([(0,), (1,), (2,), wide], {17: 0.0002}) == [(3, (17,))]
+    assert found([(0,), (1,), (2,), wide], {17: 0.0005}) == []
+
+
+def test_channels_of_a_sensor_that_are_alike_in_what_they_tell_need_no_more_than_one():
+    wide = tuple(range(3, 40))
+    assert found([(0,), (1,), (2,), wide], dict.fromkeys(wide, 0.012))[0][0] == 3
+
+
+def test_channels_join_their_sensor_while_they_tell_something():
+    pvalues = {1: 1e-6, 4: 1e-4, 5: 0.009, 6: 0.03}
+    # 0.009 is one of 4 that are left and 0.03 one of 3: what joins is likely, not the best of many.
+    assert found([(0,), (1, 2, 3, 4, 5, 6)], pvalues) == [(1, (1, 4, 5))]
+    assert found([(0,), (1, 2, 3, 4, 5, 6)], pvalues, significance=0.1) == [(1, (1, 4, 5, 6))]
+
+
+def test_the_best_scored_is_first_of_those_with_evidence_as_strong():
+    single, scores = [(0,), (1,), (2,), (3,)], {0: 0.1, 1: 0.2, 2: 0.3, 3: 0.9}
+    strong = {0: 1e-9, 1: 1e-4}
+    order = [sensor for sensor, _ in found(single, strong | {2: 0.01}, scores=scores)]
+    assert order == [1, 0, 2]  # 2 scores better, but may only stand in for them; 3 has no evidence
+    order = [sensor for sensor, _ in found(single, strong | {2: 1e-5}, scores=scores)]
+    assert order == [2, 1, 0]
