@@ -36,7 +36,10 @@ class Faults(Part):
 
     def workers(self):
         """Kill the worker, idle and in the middle."""
-        process = Process.selector(self.folder, selection_period=0.0, num_features=3)
+        # The rewards count the messages: the oldest do not fit the newest.
+        process = Process.selector(
+            self.folder, selection_period=0.0, num_features=3, forget_outdated=False
+        )
         with robot_and(process) as robot:
             robot.wait_for('selected_state')
             robot.run(1000, 100 * LENGTH)
@@ -44,12 +47,12 @@ class Faults(Part):
             for state, times in (('idle', self.count(10)), ('computing', self.count(10))):
                 told = recovered = 0
                 for _ in range(times):
-                    if state == 'idle':
-                        robot.call()
-                        answer = None
-                    else:
+                    worker = self._idle_worker(robot)
+                    answer = None
+                    if state == 'computing':
                         answer = robot.calls.call_async(Trigger.Request())
-                    self._kill_worker(robot, state)
+                        robot.rest(0.3)  # It takes more than a second.
+                    os.kill(worker, signal.SIGKILL)
                     if answer is None:
                         robot.until(lambda: robot.selection['worker pid'] == 'none', 'it is seen')
                         told += 1
@@ -64,15 +67,16 @@ class Faults(Part):
                     f'{robot.input["episodes"]} of 100 episodes kept',
                 )
 
-    def _kill_worker(self, robot: Robot, state: str) -> None:
+    def _idle_worker(self, robot: Robot) -> int:
+        """Return the process id of the worker, once it has nothing to do."""
         robot.diagnostics.clear()
         robot.until(
             lambda: (
-                robot.selection.get('worker') == state and robot.selection['worker pid'] != 'none'
+                robot.selection.get('worker') == 'idle' and robot.selection['worker pid'] != 'none'
             ),
-            f'the worker is {state}',
+            'the worker is idle',
         )
-        os.kill(int(robot.selection['worker pid']), signal.SIGKILL)
+        return int(robot.selection['worker pid'])
 
     def restarts(self):
         """Kill the selector at random moments and start it again."""
