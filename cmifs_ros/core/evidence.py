@@ -189,9 +189,9 @@ def _products(own, given):
 
 
 def _whitened(functions):
-    """Return functions (N, k) of their own, and the weights of their squares in statistics (k, s).
+    """Return functions (N, k) along their principal axes, and the weights of their squares (k, s).
 
-    The functions are along the principal axes; the weights make them alike as far as it goes.
+    Each statistic makes them alike as far as one of `_WHITENINGS` says.
     """
     variances, axes = np.linalg.eigh(functions.T @ functions / len(functions))
     weights = 1 / (np.maximum(variances, 0)[:, None] + variances.max() * _WHITENINGS)
