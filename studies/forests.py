@@ -63,7 +63,7 @@ def boruta_importance(
     """Return minus the rank that Boruta (Kursa & Rudnicki, 2010) gives a sensor's best channel.
 
     Boruta tells accepted, undecided and rejected channels apart, and ranks the rejected ones;
-    equal ranks stay in the order of the sensors.
+    equal ranks are put in a random order, as what is relevant may stand first in the data.
     """
     from boruta import BorutaPy
     from sklearn.ensemble import ExtraTreesRegressor
@@ -72,7 +72,8 @@ def boruta_importance(
     forest = ExtraTreesRegressor(max_depth=7, n_jobs=num_threads)
     boruta = BorutaPy(forest, n_estimators=100, max_iter=50, random_state=seed)
     boruta.fit(channels, returns)
-    return np.array([-min(boruta.ranking_[list(sensor)]) for sensor in sensors], dtype=float)
+    ranks = np.array([min(boruta.ranking_[list(sensor)]) for sensor in sensors], dtype=float)
+    return -ranks - 0.5 * np.random.default_rng(seed).random(len(sensors))
 
 
 FORESTS = {'forest': forest_importance, 'boruta': boruta_importance}
