@@ -186,14 +186,19 @@ class StepwiseSelection:
             sensor, unit = channels[k]
             best.setdefault(sensor, Finding(sensor, unit, 0.0))
         singles = list(best.values())[:_MAX_PAIRED]
-        units = [single.channels for single in singles]
-        beside = np.array([self._test(units, self._given([single])) for single in singles])
-        weaker = np.maximum(beside, beside.T)
-        pair = np.unravel_index(weaker.argmin(), weaker.shape)
-        pvalue = float(weaker[pair]) * len(singles) * (len(singles) - 1)
+        num_pairs = len(singles) * (len(singles) - 1)
+        pairs = []
+        for place, one in enumerate(singles):
+            later = singles[place + 1 :]
+            beside = self._test([other.channels for other in later], self._given([one]))
+            for other, pvalue in zip(later, beside, strict=True):
+                if pvalue * num_pairs <= self._significance:
+                    (reverse,) = self._test([one.channels], self._given([other]))
+                    pairs.append((float(max(pvalue, reverse)) * num_pairs, one, other))
+        pvalue, *found = min(pairs, key=lambda pair: pair[0], default=(1.0,))
         if pvalue > self._significance:
             return []
-        found = [singles[i]._replace(pvalue=pvalue) for i in pair]
+        found = [single._replace(pvalue=pvalue) for single in found]
         alone = self._criterion([self._given([one]) for one in found])
         (together,) = self._criterion([self._given(found)])
         return found if together > max(0.0, *alone) else []
