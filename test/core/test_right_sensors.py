@@ -110,12 +110,11 @@ def test_further_channels_of_a_group_speak_where_they_tell_something():
 def test_of_equals_the_one_in_use_stays():
     rng = np.random.default_rng(0)
     x, y = rng.normal(size=(2, 60, 12)).cumsum(axis=2)
-    twins = [x + 0.3 * rng.normal(size=x.shape) for _ in range(2)]
+    twins = [x + 0.02 * rng.normal(size=x.shape) for _ in range(2)]
     states = np.stack([*twins, y, rng.normal(size=x.shape)], axis=-1)
     names = ['twin_1', 'twin_2', 'y', 'noise']
     for in_use in ('twin_1', 'twin_2'):
         selector = ConditionalMISelector().fit(
             (states, x + y), names=names, start=[in_use, 'noise', 'gone']
         )
-        assert selected(selector)[0] == in_use
-        assert 'noise' not in selected(selector)
+        assert set(selected(selector)) == {in_use, 'y'}
