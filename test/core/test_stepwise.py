@@ -8,13 +8,13 @@ from cmifs_ros.core.stepwise import StepwiseSelection
 def search(sensors, pvalues, significance=0.05, scores=None):
     """Return the search where a channel has the p-value given (1 of others), whatever is given."""
 
-    def test(candidates, given):
+    def pvalues_of(candidates, given):
         return np.array([min(pvalues.get(c, 1.0) for c in candidate) for candidate in candidates])
 
     def criterion(subsets):
         return np.array([(scores or {}).get(subset[-1], 0.0) for subset in subsets])
 
-    return StepwiseSelection(criterion, test, sensors, significance=significance)
+    return StepwiseSelection(criterion, pvalues_of, sensors, significance=significance)
 
 
 def found(sensors, pvalues, **options):
