@@ -32,6 +32,7 @@ setup(
         'peers': ['ennemi', 'scikit-learn', 'boruta'],
         'tasks': ['gymnasium[mujoco]>=1.0', 'ir-sim'],
         'test': ['pytest', 'hypothesis', 'pexpect'],
+        'threads': ['threadpoolctl'],
     },
     zip_safe=True,
     maintainer='cmifs_ros maintainers',

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from .blas_threads import one_blas_thread
 from .conditional_mi import ConditionalMI
 from .episode import unique_episodes
 from .evidence import ConditionalTest
@@ -169,16 +170,21 @@ class ConditionalMISelector(SensorSelector):
             raise ValueError(f'n_permutations is {n_permutations}; expected at least 1')
         self._check_parameters()
         bins = 32 if self.max_time_bins == 'auto' else self.max_time_bins
-        return permutation_test(
-            lambda data: self._criterion(self._samples(data), bins),
-            episodes,
-            sensors,
-            n_permutations,
-            self.random_state,
-        )
+        with one_blas_thread():
+            return permutation_test(
+                lambda data: self._criterion(self._samples(data), bins),
+                episodes,
+                sensors,
+                n_permutations,
+                self.random_state,
+            )
 
     def _rank(self, episodes, names, sensors):
         self._check_parameters()
+        with one_blas_thread():
+            return self._ranked(episodes, names, sensors)
+
+    def _ranked(self, episodes, names, sensors):
         num_episodes = len(episodes)
         episodes = unique_episodes(episodes)
         self.num_duplicates_ = num_episodes - len(episodes)

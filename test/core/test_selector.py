@@ -189,3 +189,18 @@ def test_core_and_sim_need_no_ros_and_no_plots():
     )
     done = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == '[]'
+
+
+def test_the_linear_algebra_has_one_thread_meanwhile():
+    threadpoolctl = pytest.importorskip('threadpoolctl', reason='threadpoolctl is not here')
+
+    def threads():
+        pools = threadpoolctl.threadpool_info()
+        return {pool['num_threads'] for pool in pools if pool['user_api'] == 'blas'}
+
+    seen = []
+    with threadpoolctl.threadpool_limits(2, 'blas'):
+        ConditionalMISelector().fit(toy(), progress=lambda _: seen.append(threads()))
+        assert threads() == {2}
+    assert seen
+    assert all(count == {1} for count in seen)
