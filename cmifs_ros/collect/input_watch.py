@@ -202,17 +202,24 @@ def _problem_of_state(topics: Mapping[str, Topic]) -> Assessment | None:
             kind, nodes = next(iter(topic.clashes.items()))
             what = f'{name} comes from {listed(nodes)} as {kind}; expected {topic.expected}'
             return Assessment('WARN', 'clash', what)
-    silence = topics['state'].silence
-    if silence == math.inf:
-        return Assessment('WARN', 'silent', 'no state has come yet')
-    if silence > SILENCE:
-        return Assessment('STALE', 'silent', f'no state for {silence:.0f} s')
+    state = topics['state']
+    if state.silence == math.inf:
+        return Assessment('WARN', 'silent', f'no state has come yet{_without_publisher(state)}')
+    if state.silence > SILENCE:
+        what = f'no state for {state.silence:.0f} s{_without_publisher(state)}'
+        return Assessment('STALE', 'silent', what)
     return None
 
 
+def _without_publisher(topic: Topic) -> str:
+    return '' if topic.publishers else '; nobody publishes it'
+
+
 def _problem_of_flow(topics: Mapping[str, Topic]) -> Assessment | None:
-    if topics['reward'].silence > SILENCE:
-        return Assessment('WARN', 'silent', f'states come, but no reward for {SILENCE:.0f} s')
+    reward = topics['reward']
+    if reward.silence > SILENCE:
+        what = f'states come, but no reward for {SILENCE:.0f} s{_without_publisher(reward)}'
+        return Assessment('WARN', 'silent', what)
     rivals = [name for name, topic in topics.items() if len(topic.publishers) > 1]
     if rivals:
         return Assessment(

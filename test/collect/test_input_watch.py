@@ -20,3 +20,20 @@ def test_until_an_episode_ends_its_length_is_told():
         'collecting; the first episode has 2 steps so far',
         'collecting',
     ]
+
+
+def test_of_a_silent_topic_it_tells_whether_anybody_publishes_it():
+    watch = InputWatch(EpisodeAssembler(max_episode_steps=3), EpisodeBuffer())
+
+    def said(state, reward):
+        watch.look(0.0, {'state': state, 'reward': reward})
+        return watch.assessment.message
+
+    talker, nobody = ('/robot',), ()
+    assert said(Topic(), Topic()) == 'no state has come yet; nobody publishes it'
+    assert said(Topic(publishers=talker), Topic()) == 'no state has come yet'
+    assert said(Topic(8.0, publishers=nobody), Topic()) == 'no state for 8 s; nobody publishes it'
+    assert said(Topic(8.0, publishers=talker), Topic()) == 'no state for 8 s'
+    missing = 'states come, but no reward for 5 s'
+    assert said(Topic(0.0, publishers=talker), Topic()) == f'{missing}; nobody publishes it'
+    assert said(Topic(0.0, publishers=talker), Topic(publishers=talker)) == missing
