@@ -6,6 +6,8 @@ from cmifs_ros.core.selection import Selection
 
 from .state_reader import MAX_CHANNELS, MAX_NAME_LENGTH
 
+#: What a selection may say of each sensor beside its score, or leave out.
+EVIDENCE = ('statuses', 'pvalues', 'null_scores', 'spoke_by', 'stands_in_for', 'stability')
 #: What a selection may say of a sensor.
 STATUSES = ('confirmed', 'tentative', 'rejected')
 
@@ -36,9 +38,12 @@ def selection_of(fields: dict | None) -> Selection | None:
         pvalues=tuple(float(pvalue) for pvalue in list_of(fields.get('pvalues', []))),
         null_scores=tuple(_triple(scores) for scores in list_of(fields.get('null_scores', []))),
         spoke_by=tuple(names_of(n, MAX_CHANNELS) for n in list_of(fields.get('spoke_by', []))),
+        stands_in_for=tuple(
+            names_of(n, MAX_CHANNELS) for n in list_of(fields.get('stands_in_for', []))
+        ),
         stability=tuple(float(share) for share in list_of(fields.get('stability', []))),
     )
-    for what in ('statuses', 'pvalues', 'null_scores', 'spoke_by', 'stability'):
+    for what in EVIDENCE:
         count = len(getattr(selection, what))
         if count not in (0, len(selection.ranking)):
             raise ValueError(f'{count} {what} for {len(selection.ranking)} sensors')

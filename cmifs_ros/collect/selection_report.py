@@ -6,17 +6,17 @@ import dataclasses
 
 from cmifs_ros.core.selection import Selection
 
+from .selection_fields import EVIDENCE
 from .words import counted, first, listed, short
 
 NOTHING_SELECTED = 'no evidence that any sensor tells about the return'
-_EVIDENCE = ('statuses', 'pvalues', 'null_scores', 'spoke_by', 'stability')
 
 
 def reply_of(selection: Selection) -> dict:
     """Return the fields of a selection that its reader wants, without empty evidence."""
     reply = dataclasses.asdict(selection)
     del reply['means'], reply['spreads']
-    return {key: value for key, value in reply.items() if value or key not in _EVIDENCE}
+    return {key: value for key, value in reply.items() if value or key not in EVIDENCE}
 
 
 def is_tentative(selection: Selection) -> bool:
@@ -63,11 +63,19 @@ def evidence(selection: Selection) -> str:
             shown.append(f'{short(name)} ({what}{number:{form}})')
     parts = [first(shown)] if shown else []
     parts += [f'rejected {listed(rejected)}'] if rejected else []
+    replacing = stand_ins(selection)
+    parts += [f'stand-ins: {replacing}'] if replacing else []
     parts.append(
         f'{counted(selection.episodes, "episode")}, {counted(selection.steps, "step")}, '
         f'{selection.seconds:.1f} s'
     )
     return '; '.join(parts)
+
+
+def stand_ins(selection: Selection) -> str:
+    """Return which sensors stand in for which confirmed ones, as 'copy for x'; empty if none."""
+    pairs = zip(selection.ranking, selection.stands_in_for, strict=False)
+    return first([f'{short(s)} for {" and ".join(map(short, of))}' for s, of in pairs if of])
 
 
 def is_news(selection: Selection, previous: Selection | None) -> bool:

@@ -83,6 +83,9 @@ class ConditionalMISelector(SensorSelector):
     spoke_by_ : list of tuple of int
         The channels that spoke for each sensor: all of it, or those of many that tell something,
         the best first; of one that never changed, none.
+    stands_in_for_ : list of tuple of int
+        For each sensor of the ranking, the confirmed ones for which it stands in: without one of
+        these there would be strong evidence for it, beside all of them it is not confirmed.
     num_duplicates_ : int
         Episodes that were there twice, states and rewards alike, and left out.
 
@@ -210,7 +213,10 @@ class ConditionalMISelector(SensorSelector):
         findings, null, num_selected = [], np.empty((0, 3)), 0
         if living:
             findings, null, num_selected = self._search(samples, living, start)
-        findings = [f._replace(sensor=live[f.sensor]) for f in findings]
+        findings = [
+            f._replace(sensor=live[f.sensor], stands_in_for=tuple(live[i] for i in f.stands_in_for))
+            for f in findings
+        ]
         if self.num_features is None and dead:
             score = findings[num_selected - 1].score if num_selected else 0.0
             findings += [Finding(i, (), score) for i in dead]
@@ -237,16 +243,16 @@ class ConditionalMISelector(SensorSelector):
             progress=self._progress,
         )
         if self.direction == 'forward':
-            found = search.confirmed(start)
+            confirmed = search.confirmed(start)
         else:
-            found = search.tested(self._backward(criterion, living))
+            confirmed = search.tested(self._backward(criterion, living))
         if self.num_features is None:
-            num_selected = len(found)
+            num_selected, found = len(confirmed), confirmed
             others = search.listed(found)
             before = [found[:i] for i in range(num_selected)] + [found] * len(others)
         else:
             num_selected = self.num_features
-            found = found[:num_selected]
+            found = confirmed[:num_selected]
             others = search.ranked(found, num_selected - len(found))
             before = [[*found, *others][:i] for i in range(num_selected)]
         null = null_scores(
@@ -256,7 +262,7 @@ class ConditionalMISelector(SensorSelector):
             [[*background, *(c for f in rest for c in f.channels)] for rest in before],
             np.random.default_rng([self.random_state, 3]),
         )
-        return [*found, *others], null, num_selected
+        return [*found, *search.with_stand_ins(confirmed, others)], null, num_selected
 
     def _keep_evidence(self, findings: list[Finding], null: np.ndarray) -> None:
         self.pvalues_ = np.array([finding.pvalue for finding in findings])
@@ -266,6 +272,7 @@ class ConditionalMISelector(SensorSelector):
         ]
         self.null_scores_ = null
         self.spoke_by_ = [finding.channels for finding in findings]
+        self.stands_in_for_ = [finding.stands_in_for for finding in findings]
 
     def _backward(self, criterion, sensors):
         """Return what backward elimination leaves where the score is greatest."""

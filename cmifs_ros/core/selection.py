@@ -41,6 +41,9 @@ class Selection:
         The score that a sensor telling nothing would have at the same place: 5 %, median, 95 %.
     spoke_by : tuple of tuple of str
         The channels that spoke for the sensor: all of it, or those of a group that tell something.
+    stands_in_for : tuple of tuple of str
+        The confirmed sensors for which the sensor stands in: without one of these there would be
+        strong evidence for it. A copy, or another reading of the same.
     stability : tuple of float
         Share of random halves of the episodes in which the sensor is selected; empty if not asked.
     outdated : int
@@ -67,6 +70,7 @@ class Selection:
     pvalues: tuple[float, ...] = ()
     null_scores: tuple[tuple[float, float, float], ...] = ()
     spoke_by: tuple[tuple[str, ...], ...] = ()
+    stands_in_for: tuple[tuple[str, ...], ...] = ()
     stability: tuple[float, ...] = ()
     outdated: int = 0
 
@@ -141,6 +145,9 @@ def select(
             'pvalues': tuple(selector.pvalues_.tolist()),
             'null_scores': tuple(map(tuple, selector.null_scores_.tolist())),
             'spoke_by': tuple(tuple(channel_names[c] for c in s) for s in selector.spoke_by_),
+            'stands_in_for': tuple(
+                tuple(selector.sensor_names_[i] for i in s) for s in selector.stands_in_for_
+            ),
         }
     return Selection(
         indices=tuple(selector.get_support(indices=True).tolist()),

@@ -25,13 +25,15 @@ _MAX_WHOLE = 3
 class Finding(NamedTuple):
     """A sensor, the channels that speak for it, the criterion with them, and its evidence.
 
-    The p-value is corrected for the number of candidates that were left (Holm).
+    The p-value is corrected for the number of candidates that were left (Holm). `stands_in_for` are
+    the confirmed sensors without one of which there would be strong evidence for this one.
     """
 
     sensor: int
     channels: Sensor
     score: float
     pvalue: float = 1.0
+    stands_in_for: tuple[int, ...] = ()
 
 
 class StepwiseSelection:
@@ -120,6 +122,19 @@ class StepwiseSelection:
         others = self._candidates(self._left(chosen), chosen)
         return sorted(others, key=lambda finding: place.get(finding.sensor, len(place)))
 
+    def with_stand_ins(
+        self, confirmed: Sequence[Finding], others: Sequence[Finding]
+    ) -> list[Finding]:
+        """Return the other findings, and of each for which of the confirmed it stands in."""
+        replaced: dict[int, tuple[int, ...]] = {}
+        for place, finding in enumerate(confirmed):
+            rest = [*confirmed[:place], *confirmed[place + 1 :]]
+            level = _STRONG * self._significance / self._num_left(rest)
+            for sensor, pvalue in self._evidence(self._left(confirmed), rest)[0].items():
+                if pvalue <= level:
+                    replaced[sensor] = (*replaced.get(sensor, ()), finding.sensor)
+        return [f._replace(stands_in_for=replaced.get(f.sensor, ())) for f in others]
+
     def _units(self, sensor: int) -> list[Sensor]:
         channels = self._sensors[sensor]
         single = [(channel,) for channel in channels]
@@ -143,9 +158,7 @@ class StepwiseSelection:
         Only of those whose p-value, not yet corrected, is at most `level`: a score costs more.
         """
         given = self._given(taken)
-        units = [(i, unit) for i in sensors for unit in self._units(i)]
-        of_units = dict(zip(units, self._test([unit for _, unit in units], given), strict=True))
-        of_sensor = {i: combined_pvalue([of_units[i, u] for u in self._units(i)]) for i in sensors}
+        of_sensor, of_units = self._evidence(sensors, taken)
         # Where that of a sensor is small enough, that of one of its units is so all the more.
         units = [(i, u) for (i, u), p in of_units.items() if max(p, of_sensor[i]) <= level]
         scores = self._criterion([[*given, *unit] for _, unit in units])
@@ -155,6 +168,16 @@ class StepwiseSelection:
                 pvalue = min(1.0, of_sensor[i] * self._num_left(taken))
                 best[i] = Finding(i, unit, float(score), pvalue)
         return sorted(best.values(), key=lambda f: -f.score)
+
+    def _evidence(
+        self, sensors: Sequence[int], taken: Sequence[Finding]
+    ) -> tuple[dict[int, float], dict[tuple[int, Sensor], float]]:
+        """Return the p-value of each sensor given those taken, and those of its units."""
+        units = [(i, unit) for i in sensors for unit in self._units(i)]
+        pvalues = self._test([unit for _, unit in units], self._given(taken))
+        of_units = dict(zip(units, pvalues, strict=True))
+        of_sensor = {i: combined_pvalue([of_units[i, u] for u in self._units(i)]) for i in sensors}
+        return of_sensor, of_units
 
     def _next(self, chosen: list[Finding]) -> list[Finding]:
         """Return the best-scored sensor that has evidence given those chosen, or none."""

@@ -8,7 +8,7 @@ from math import inf
 
 from diagnostic_msgs.msg import DiagnosticStatus
 
-from cmifs_ros.collect.selection_report import headline
+from cmifs_ros.collect.selection_report import headline, stand_ins
 from cmifs_ros.collect.state_filter import StateFilter
 from cmifs_ros.collect.words import counted, listed
 from cmifs_ros.core.selection import Selection
@@ -78,6 +78,8 @@ def selection(
             'states without a selected channel': state_filter.num_lacking,
             'sensors that never changed': len(found.ranking) - found.num_live,
         }
+        replacing = stand_ins(found)
+        values |= {'stand-ins': replacing} if replacing else {}
         for field in ('statuses', 'pvalues', 'stability'):
             shown = [
                 f'{sensor} {value if isinstance(value, str) else format(value, ".2g")}'

@@ -131,6 +131,7 @@ def _ranking_table(selection: Selection) -> str:
     columns += ['selected in'] if selection.stability else []
     spoke_by = channels_that_spoke(selection)
     columns += ['by its channels'] if any(spoke_by) else []
+    columns += ['stands in for'] if any(selection.stands_in_for) else []
     rows = [f'<tr>{"".join(f"<th>{name}</th>" for name in columns)}</tr>']
     for i in range(selection.num_live):
         cells = [_number(i + 1), f'<td class="name">{escape(selection.ranking[i])}</td>']
@@ -146,6 +147,8 @@ def _ranking_table(selection: Selection) -> str:
             cells.append(_number(f'{selection.stability[i]:.0%}'))
         if any(spoke_by):
             cells.append(f'<td class="name">{escape(", ".join(spoke_by[i]))}</td>')
+        if any(selection.stands_in_for):
+            cells.append(f'<td class="name">{escape(", ".join(selection.stands_in_for[i]))}</td>')
         rows.append(f'<tr>{"".join(cells)}</tr>')
     constant = ', '.join(selection.ranking[selection.num_live :])
     more = f'<p>Never changed, and so tell nothing: {escape(constant)}</p>' if constant else ''

@@ -117,6 +117,7 @@ def ranking_text(selection: Selection) -> str:
     rows[0] += ['halves'] if selection.stability else []
     spoke_by = list(map(_listed, channels_that_spoke(selection)))
     rows[0] += ['by its channels'] if any(spoke_by) else []
+    rows[0] += ['stands in for'] if any(selection.stands_in_for) else []
     for i in range(selection.num_live):
         row = [str(i + 1), selection.ranking[i], f'{selection.scores[i]:.3f}']
         if selection.null_scores:
@@ -126,9 +127,11 @@ def ranking_text(selection: Selection) -> str:
         row += [selection.statuses[i]] if selection.statuses else []
         row += [f'{selection.stability[i]:.0%}'] if selection.stability else []
         row += [spoke_by[i]] if any(spoke_by) else []
+        if any(selection.stands_in_for):
+            row.append(_listed(selection.stands_in_for[i]))
         rows.append(row)
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    is_text = [name in ('sensor', 'status', 'by its channels') for name in rows[0]]
+    is_text = [name in ('sensor', 'status', 'by its channels', 'stands in for') for name in rows[0]]
     lines = [
         '  '.join(
             cell.ljust(width) if left else cell.rjust(width)

@@ -20,6 +20,7 @@ from hypothesis.extra import numpy as hnp
 from cmifs_ros.collect import episode_file
 from cmifs_ros.collect.episode_file import RefusedFileError, Saved
 from cmifs_ros.collect.episode_saver import EpisodeSaver
+from cmifs_ros.collect.selection_fields import EVIDENCE
 from cmifs_ros.core import Episode
 from cmifs_ros.core.selection import Selection
 
@@ -27,7 +28,7 @@ NAMES = ('a', 'b')
 SELECTION = Selection(
     (1,), ('b',), ('b', 'a'), (0.5, 0.4), 20, 60, 1.25, (0.0, 1.0, 2.0), (1.0, 1.0, 1.0),
     ('confirmed', 'rejected'), (0.01, 0.8), ((-0.1, 0.0, 0.1), (-0.2, 0.0, 0.2)), (('b',), ('a',)),
-    (1.0, 0.25),
+    ((), ('b',)), (1.0, 0.25),
 )  # fmt: skip
 ENOUGH = {'max_episodes': 100, 'max_bytes': 10**6}
 
@@ -82,7 +83,7 @@ def test_what_was_written_is_read(tmp_path, data):
 
 def test_a_file_of_the_version_before_is_read_without_evidence(tmp_path):
     fields = dataclasses.asdict(SELECTION)
-    for name in ('statuses', 'pvalues', 'null_scores', 'spoke_by', 'stability'):
+    for name in EVIDENCE:
         del fields[name]
     header = {'channels': NAMES, 'lengths': [], 'selection': fields, 'selected_at': 1.0}
     content = b'cmifs_ros episodes 2\n' + json.dumps(header).encode() + b'\n'
@@ -94,7 +95,12 @@ def test_a_file_of_the_version_before_is_read_without_evidence(tmp_path):
 
 @pytest.mark.parametrize(
     ('field', 'value'),
-    [('statuses', ['sure', 'rejected']), ('pvalues', [0.1]), ('null_scores', [[1.0], [2.0]])],
+    [
+        ('statuses', ['sure', 'rejected']),
+        ('pvalues', [0.1]),
+        ('null_scores', [[1.0], [2.0]]),
+        ('stands_in_for', [[], [7]]),
+    ],
 )
 def test_evidence_that_cannot_be_is_refused(tmp_path, field, value):
     fields = dataclasses.asdict(SELECTION) | {field: value}

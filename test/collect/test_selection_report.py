@@ -2,7 +2,14 @@
 
 import dataclasses
 
-from cmifs_ros.collect.selection_report import evidence, headline, is_news, is_tentative, reply_of
+from cmifs_ros.collect.selection_report import (
+    evidence,
+    headline,
+    is_news,
+    is_tentative,
+    reply_of,
+    stand_ins,
+)
 from cmifs_ros.core.selection import Selection
 
 PLAIN = Selection((1,), ('b',), ('b', 'a'), (0.5, 0.4), 25, 60, 1.25, (0.0, 1.0), (1.0, 1.0))
@@ -31,6 +38,19 @@ def test_the_evidence_is_p_values_where_there_are_some_and_else_scores():
     nothing = dataclasses.replace(CONFIRMED, statuses=('rejected',) * 2)
     assert evidence(nothing) == 'rejected b, a; 25 episodes, 60 steps, 1.2 s'
     assert evidence(CONFIRMED) == 'b (p 0.01); rejected a; 25 episodes, 60 steps, 1.2 s'
+
+
+def test_what_stands_in_for_what_is_told():
+    three = dataclasses.replace(
+        PLAIN,
+        ranking=('b', 'a', 'c', 'd'),
+        statuses=('confirmed', 'confirmed', 'rejected', 'rejected'),
+        pvalues=(0.01, 0.02, 1.0, 1.0),
+        stands_in_for=((), (), ('b', 'a'), ('b',)),
+    )
+    assert stand_ins(three) == 'c for b and a, d for b'
+    assert '; rejected c, d; stand-ins: c for b and a, d for b; 25 episodes' in evidence(three)
+    assert stand_ins(PLAIN) == ''
 
 
 def test_a_long_name_does_not_hide_its_evidence():

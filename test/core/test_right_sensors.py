@@ -88,6 +88,18 @@ def test_the_channel_that_speaks_for_a_group_is_named():
     assert spoke['scan'] == (0,)
 
 
+def test_a_copy_stands_in_for_what_it_copies():
+    rightly = 0
+    for seed in range(5):
+        selector = fitted('copy', 60, seed)
+        stands_in_for = dict(zip(ranked(selector), selector.stands_in_for_, strict=True))
+        taken, left = ('x', 'copy') if 'x' in selected(selector) else ('copy', 'x')
+        place = selector.sensor_names_.index(taken)
+        assert stands_in_for.pop(left) == (place,)
+        rightly += not any(stands_in_for.values())
+    assert rightly >= 4
+
+
 def test_further_channels_of_a_group_speak_where_they_tell_something():
     joined = []
     for seed in range(5):

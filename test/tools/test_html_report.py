@@ -95,6 +95,13 @@ def test_channels_are_named_where_they_are_not_the_sensor_itself(tmp_path):
     assert cells == ['', 'y.sin, y.cos', '']
 
 
+def test_what_a_sensor_stands_in_for_is_named(tmp_path):
+    replaced = replace(SELECTION, stands_in_for=((), (), ('x', 'y')))
+    page = Page(write_report(tmp_path, replaced, make_episodes(), NAMES, {}))
+    assert '<th>stands in for</th>' in page.source
+    assert re.findall(r'<td class="name">([^<]*)</td></tr>', page.source) == ['', '', 'x, y']
+
+
 def test_the_page_needs_no_network_and_runs_nothing(tmp_path):
     page = Page(write_report(tmp_path, SELECTION, make_episodes(), NAMES, {}))
     assert not {'script', 'link', 'iframe', 'object'} & set(page.tags)

@@ -43,6 +43,12 @@ def test_the_table_has_the_evidence_where_there_is_some():
     ]
 
 
+def test_the_table_says_what_stands_in_for_what():
+    head, *lines = ranking_text(replace(FULL, stands_in_for=((), ('x',), ()))).splitlines()
+    assert head.endswith('stands in for')
+    assert [line.endswith(' x') for line in lines] == [False, True, False]
+
+
 def test_sensors_that_never_changed_stand_below_the_table_and_in_no_picture():
     still = replace(FULL, spoke_by=(*FULL.spoke_by[:2], ()))
     assert still.num_live == 2

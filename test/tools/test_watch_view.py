@@ -55,6 +55,12 @@ def test_the_view_shows_input_selection_evidence_and_cost_within_80_columns():
     assert rows['battery'][5] == 'rejected'
 
 
+def test_what_could_take_the_place_of_what_is_told():
+    assert 'stand-ins' not in text_of(snapshot())
+    text = text_of(snapshot(values=SELECTION | {'stand-ins': 'battery for x'}))
+    assert 'stand-ins: battery for x' in text
+
+
 def test_levels_are_told_by_words_not_by_colour_alone():
     for level, word in enumerate(('ok', 'warn', 'error', 'stale')):
         assert re.search(
