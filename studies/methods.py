@@ -42,7 +42,10 @@ METHODS = {
     'kdr_scaled': 'KDR, eps times M',
     'automatic': 'ours, automatic number',
     'automatic_shuffled': 'ours, automatic number, states of other episodes',
+    'stand_ins': 'ours, what stands in for what is confirmed',
 }
+#: Those that rank only some of the sensors.
+SELECTING = ('automatic', 'automatic_shuffled', 'stand_ins')
 #: The default with other bounds of the number of kernel centres.
 NUM_CENTERS = {'centers_25': 25, 'centers_50': 50, 'centers_all': None}
 #: The estimators of rankings by the score alone: the default's, and that of the direct port.
@@ -62,8 +65,9 @@ class Ranking(NamedTuple):
     """The sensors ranked, best first, as indices from 0, and the score of each place.
 
     Without groups sensors are channels. The peers score each sensor by itself, the others score
-    the first 1, 2, ... together. The automatic number ranks what it selects. A method that knows
-    channels alone ranks a sensor where its first channel is.
+    the first 1, 2, ... together. The automatic number ranks what it selects, and
+    `stand_ins` what could replace a part of that. A method that knows channels alone ranks a sensor
+    where its first channel is.
     """
 
     channels: tuple[int, ...]
@@ -120,15 +124,8 @@ def rank(
         return _by_score([max(information[list(part)]) for part in parts], count)
     if method in FORESTS:
         return _by_score(FORESTS[method](episodes, parts, seed, n_jobs), count)
-    if method in ('automatic', 'automatic_shuffled'):
-        if method == 'automatic_shuffled':  # The rewards stay: they depend on nothing.
-            states = exchange([e.states for e in episodes], np.random.default_rng([seed, 3]))
-            pairs = zip(states, episodes, strict=True)
-            episodes = [Episode(s, episode.rewards) for s, episode in pairs]
-        selector = ConditionalMISelector(groups=groups, random_state=seed, n_jobs=n_jobs)
-        selector.fit(episodes)
-        selected = selector.ranking_[: selector.num_features_]
-        return Ranking(tuple(selected.tolist()), tuple(selector.scores_[: len(selected)].tolist()))
+    if method in SELECTING:
+        return _selected(method, episodes, groups, seed, n_jobs)
     if method in RANKED_BY_CHANNEL:
         if method in READINGS:
             found = rank_read(method, episodes, target, seed, num_channels)
@@ -151,6 +148,23 @@ def rank(
         selector = ConditionalMISelector(None if count == len(parts) else count, **options)
     selector.fit(episodes)
     return Ranking(tuple(selector.ranking_.tolist()), tuple(selector.scores_.tolist()))
+
+
+def _selected(method: str, episodes, groups, seed: int, n_jobs: int) -> Ranking:
+    if method == 'automatic_shuffled':  # The rewards stay: they depend on nothing.
+        states = exchange([e.states for e in episodes], np.random.default_rng([seed, 3]))
+        pairs = zip(states, episodes, strict=True)
+        episodes = [Episode(s, episode.rewards) for s, episode in pairs]
+    selector = ConditionalMISelector(groups=groups, random_state=seed, n_jobs=n_jobs)
+    selector.fit(episodes)
+    if method == 'stand_ins':
+        places = [i for i, of in enumerate(selector.stands_in_for_) if of]
+    else:
+        places = range(selector.num_features_)
+    return Ranking(
+        tuple(int(selector.ranking_[i]) for i in places),
+        tuple(float(selector.scores_[i]) for i in places),
+    )
 
 
 def criterion_of(estimator: Lsmi, episodes, seed: int, n_jobs: int = 1) -> ConditionalMI:

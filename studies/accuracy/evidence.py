@@ -48,6 +48,11 @@ def one_of_a_pair(selected: list[str], relevant: set[str]) -> bool:
     return len({'x', 'copy'} & set(selected)) == 1 and 'y' in selected
 
 
+def the_other_of_a_pair(selected: list[str], relevant: set[str]) -> bool:
+    """Either x or its copy, and nothing else."""
+    return len(selected) == 1 and selected[0] in ('x', 'copy')
+
+
 def anything(selected: list[str], relevant: set[str]) -> bool:
     """Any sensor at all."""
     return bool(selected)
@@ -82,6 +87,9 @@ ROWS = (
     Row('pendulum', 60, exactly, '>= 80 %'),
     Row('copy', 60, one_of_a_pair, '>= 90 %'),
     Row('noisy_copy', 60, one_of_a_pair, '>= 90 %'),
+    Row('copy', 60, the_other_of_a_pair, 'to see', 'stand_ins'),
+    Row('noisy_copy', 60, the_other_of_a_pair, 'to see', 'stand_ins'),
+    Row('with_gravel', 100, anything, '<= 5 %', 'stand_ins'),
     Row('two_switches', 60, exactly, '>= 90 %'),
     Row('wild_readings', 60, all_found, '>= 90 %'),
     Row('one_wild_reading', 60, all_found, '>= 90 %'),
@@ -137,7 +145,7 @@ def run(options: argparse.Namespace) -> None:
                 row.task + ', shuffled' * (row.method == 'automatic_shuffled'),
                 row.episodes,
                 row.question.__doc__.rstrip('.'),
-                METHODS[row.method] if row.method == 'forest' else 'ours',
+                METHODS[row.method] if row.method in ('forest', 'stand_ins') else 'ours',
                 row.asked,
                 f'{share:.0%} ± {error:.0%}',
                 f'{np.median([outcome.seconds for outcome in outcomes]):.1f}',

@@ -18,7 +18,7 @@ import numpy as np
 from cmifs_ros.tools.arguments import names_among, numbers_from
 from cmifs_ros.tools.program import StudyError, exit_code
 from studies import methods, tasks
-from studies.methods import METHODS
+from studies.methods import METHODS, SELECTING
 from studies.parallel_trials import finish
 from studies.tables import markdown_table
 from studies.tasks import TASKS
@@ -32,7 +32,7 @@ USUAL_METHODS = ('default', 'paper', 'kdr', 'ennemi', 'sklearn', 'forest')
 #: What --number compares: the automatic number on the task, and where nothing is relevant.
 NUMBER_METHODS = ('automatic', 'automatic_shuffled')
 #: Those that rank all channels.
-ALL_METHODS = tuple(m for m in dict.fromkeys((*USUAL_METHODS, *METHODS)) if m not in NUMBER_METHODS)
+ALL_METHODS = tuple(m for m in dict.fromkeys((*USUAL_METHODS, *METHODS)) if m not in SELECTING)
 #: `with_fixed_gravel` is another reading of the paper; without anything relevant there is no sum.
 USUAL_TASKS = tuple(
     name for name, task in TASKS.items() if task.relevant and name != 'with_fixed_gravel'
