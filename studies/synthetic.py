@@ -19,6 +19,8 @@ one_of_twelve, twelve_of_noise
     none is, and x and y are relevant.
 drift
     The policy improves from episode to episode, and the motor warms up. Nothing is relevant.
+wandering
+    The return and three sensors wander from episode to episode, each by itself.
 independent_noise
     Neither are the channels to the rewards nor is anything to anything else.
 beside
@@ -148,6 +150,14 @@ def _drift(rng, number):
     return channels, age + 0.4 * rng.normal(size=NUM_STEPS)
 
 
+def _wandering(rng, number):
+    seed, _ = rng.bit_generator.seed_seq.entropy  # All episodes have one wandering.
+    level = _ar(np.random.default_rng(seed), number + 1, 4)[-1]
+    sensors = level[:3] + 0.05 * rng.normal(size=(NUM_STEPS, 3))
+    channels = np.hstack([sensors, rng.normal(size=(NUM_STEPS, 3))])
+    return channels, level[3] + rng.normal(size=NUM_STEPS)
+
+
 def _independent_noise(rng, number):
     return rng.normal(size=(NUM_STEPS, 6)), rng.normal(size=NUM_STEPS)
 
@@ -196,6 +206,7 @@ WORLDS = {
         _twelve_of_noise, (*_SCAN, 'x', 'y', *_noise_names(3)), ('x', 'y'), {'scan': _SCAN}
     ),
     'drift': World(_drift, ('temperature', *_noise_names(4)), ()),
+    'wandering': World(_wandering, ('floor', 'oil', 'light', *_noise_names(3)), ()),
     'independent_noise': World(_independent_noise, _noise_names(6), ()),
     'beside': World(_beside, ('x', 'noise', 'walk', 'other_x'), ('x',)),
 }

@@ -57,7 +57,8 @@ def num_outdated(
     timeless = [
         c for c in channels if abs(samples.states[:, c] @ age) <= _MOST_CORRELATED * len(age)
     ]
-    test = ConditionalTest(samples.with_channels(is_after), gamma, random_state, level=_LEVEL)
+    samples = samples.with_channels(is_after)
+    test = ConditionalTest(samples, gamma, random_state, level=_LEVEL, may_drift=False)
     pvalues = test([(num_channels + i,) for i in range(len(moments))], timeless)
     clearest = int(np.argmin(pvalues))
     is_change = pvalues[clearest] * len(moments) <= _LEVEL

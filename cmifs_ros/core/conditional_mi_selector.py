@@ -12,7 +12,7 @@ from .episode import unique_episodes
 from .evidence import ConditionalTest
 from .lsmi import Lsmi
 from .permutation import PermutationTest, permutation_test
-from .samples import Samples, collect_samples, split_by_step, standardized
+from .samples import Samples, collect_samples, split_by_step
 from .search import Sensor, backward_elimination, forward_selection
 from .sensor_selector import Ranking, SensorSelector
 from .shadows import null_scores
@@ -28,8 +28,6 @@ _MAX_SAMPLES = 1000
 _POOLING_FACTOR, _POOLING_MARGIN = 1.5, 0.1
 #: Time bins are compared by the scores of so many sensors, of the channels likeliest to tell.
 _NUM_TRIED, _MAX_COMPARED = 2, 10
-#: p-value at which the return is taken to change with the age of the episode.
-_DRIFT_LEVEL = 0.01
 
 
 class ConditionalMISelector(SensorSelector):
@@ -226,20 +224,15 @@ class ConditionalMISelector(SensorSelector):
 
     def _search(self, samples: Samples, living: list[Sensor], start: list[int]):
         """Return the findings, the scores of what tells nothing, and how many are selected."""
-        samples = samples.with_channels(standardized(samples.owner[:, None].astype(float)))
-        age = samples.states.shape[1] - 1
-        level = max(self.significance, _DRIFT_LEVEL)
-        test = ConditionalTest(samples, self.gamma, self.random_state, level=level)
-        background = [age] if test([(age,)], [])[0] <= _DRIFT_LEVEL else []
+        test = ConditionalTest(samples, self.gamma, self.random_state, level=self.significance)
         units = [(channel,) for sensor in living for channel in sensor]
-        likely = np.argsort(test(units, background), kind='stable')[:_MAX_COMPARED]
+        likely = np.argsort(test(units, []), kind='stable')[:_MAX_COMPARED]
         bins, criterion = self._choose_bins(samples, [units[i] for i in likely])
         search = StepwiseSelection(
             criterion,
             test,
             living,
             significance=self.significance,
-            background=background,
             progress=self._progress,
         )
         if self.direction == 'forward':
@@ -259,7 +252,7 @@ class ConditionalMISelector(SensorSelector):
             lambda extended: self._criterion(extended, bins),
             samples,
             [channel for sensor in living for channel in sensor],
-            [[*background, *(c for f in rest for c in f.channels)] for rest in before],
+            [[c for f in rest for c in f.channels] for rest in before],
             np.random.default_rng([self.random_state, 3]),
         )
         return [*found, *search.with_stand_ins(confirmed, others)], null, num_selected

@@ -28,6 +28,7 @@ from scipy import linalg, special
 
 from .kernel_ridge import KernelRidge, squared_distances
 from .samples import Samples, standardized
+from .serial_dependence import Episodes, Memory, innovations, memory_of
 
 #: More rows are thinned evenly: neighbouring steps of an episode tell nearly the same.
 _MAX_ROWS = 2000
@@ -58,10 +59,20 @@ class ConditionalTest:
         Seed of folds, centres, signs and exchanges.
     level : float
         p-value by signs up to which places are exchanged as well.
+    may_drift : bool
+        Free episodes of what they have of those before. Not where what is tested is their order.
 
     """
 
-    def __init__(self, samples: Samples, gamma: float, random_state: int, *, level: float = 0.05):
+    def __init__(
+        self,
+        samples: Samples,
+        gamma: float,
+        random_state: int,
+        *,
+        level: float = 0.05,
+        may_drift: bool = True,
+    ):
         self._level = level
         rng = np.random.default_rng([random_state, 1])
         stride = -(-len(samples.step) // _MAX_ROWS)
@@ -73,6 +84,8 @@ class ConditionalTest:
         self._episodes = np.split(np.arange(len(rows)), self._starts[1:])
         self._discount = gamma**stride
         self._step = standardized(samples.step[rows].astype(float))
+        self._may_drift = may_drift
+        self._in_order = Episodes(self._step, self._starts)
         num_episodes = samples.owner[-1] + 1
         num_folds = min(_NUM_FOLDS, num_episodes)
         self._folds = (rng.permutation(num_episodes) * num_folds // num_episodes)[owner]
@@ -105,18 +118,24 @@ class ConditionalTest:
             (self._differences(left, share), self._differences(errors, share))
             for share in _SHARES_OF_NEXT
         ]
+        drifts = False
+        if self._may_drift:
+            memories = self._in_order.memories(np.column_stack([e for _, e in remainders]))
+            drifts = any(map(any, memories))
+        if drifts:
+            both = np.column_stack([values for pair in remainders for values in pair])
+            free = self._in_order.freed(both, memories).T
+            remainders = list(zip(free[::2], free[1::2], strict=True))
         of_given = self._gaussians(points)
         channels = list(dict.fromkeys(c for candidate in candidates for c in candidate))
         fits = dict(zip(channels, regression.tuned(self._states[:, channels]), strict=True))
         pvalues = []
         for candidate in candidates:
-            own = [
-                regression.residual(self._states[:, [channel]], fits[channel])[:, 0]
-                for channel in candidate
-            ]
-            own = [o / o.std() for o in own if o.var() > _LEAST_OWN_SHARE]
-            if own:
-                own = np.column_stack(own)
+            own = np.hstack([regression.residual(self._states[:, [c]], fits[c]) for c in candidate])
+            own = self._in_order.without_slowest(own) if drifts else own
+            own = own[:, own.var(axis=0) > _LEAST_OWN_SHARE]
+            if own.size:
+                own = own / own.std(axis=0)
                 families = [_products(own, points), self._bumps(own, of_given)]
                 whitened = [_whitened(regression.residual(f, choice)) for f in families]
                 functions = np.hstack([functions for functions, _ in whitened])
@@ -167,15 +186,21 @@ class ConditionalTest:
         def combined(draw):
             tails = []
             for left, errors in remainders:
-                observed = (left @ functions) ** 2 @ weights
-                tails += _tails(observed, draw(left, errors) ** 2 @ weights)
+                observed, drawn = draw(left, errors)
+                tails += _tails(observed**2 @ weights, drawn**2 @ weights)
             return combined_pvalue(tails)
 
+        def of_episodes(residual):
+            return np.add.reduceat(functions * residual[:, None], self._starts)
+
         def by_signs(left, errors):
-            return self._signs @ np.add.reduceat(functions * errors[:, None], self._starts)
+            products, alike = of_episodes(errors), np.ones(len(self._starts))
+            memory = memory_of(products, alike) if self._may_drift else Memory()
+            observed = innovations(of_episodes(left), alike, memory).sum(axis=0)
+            return observed, self._signs @ innovations(products, alike, memory)
 
         def by_places(left, errors):
-            return left[self._exchanges] @ functions
+            return left @ functions, left[self._exchanges] @ functions
 
         pvalue = combined(by_signs)
         return max(pvalue, combined(by_places)) if pvalue <= self._level else pvalue

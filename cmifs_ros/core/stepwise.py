@@ -49,8 +49,6 @@ class StepwiseSelection:
         The channels of each sensor, without those that never change; may be empty.
     significance : float
         Level at which a sensor is confirmed, over all sensors.
-    background : sequence of int
-        Channels that every score is to be given.
     progress : callable
         Told a fraction that grows with each sensor found.
 
@@ -63,14 +61,12 @@ class StepwiseSelection:
         sensors: Sequence[Sensor],
         *,
         significance: float,
-        background: Sequence[int] = (),
         progress: Callable[[float], None] = lambda fraction: None,
     ):
         self._criterion = criterion
         self._test = test
         self._sensors = sensors
         self._significance = significance
-        self._background = list(background)
         self._progress = progress
 
     def confirmed(self, start: Sequence[int] = ()) -> list[Finding]:
@@ -141,7 +137,7 @@ class StepwiseSelection:
         return [*single, channels] if 1 < len(channels) <= _MAX_WHOLE else single
 
     def _given(self, taken: Sequence[Finding]) -> list[int]:
-        return [*self._background, *(channel for f in taken for channel in f.channels)]
+        return [channel for f in taken for channel in f.channels]
 
     def _left(self, taken: Sequence[Finding]) -> list[int]:
         used = {finding.sensor for finding in taken}
@@ -203,7 +199,7 @@ class StepwiseSelection:
     def _pair(self) -> list[Finding]:
         """Return two sensors that have evidence given each other, and a better score together."""
         channels = [(i, (channel,)) for i, sensor in enumerate(self._sensors) for channel in sensor]
-        pvalues = self._test([unit for _, unit in channels], self._background)
+        pvalues = self._test([unit for _, unit in channels], [])
         best: dict[int, Finding] = {}
         for k in np.argsort(pvalues, kind='stable'):
             sensor, unit = channels[k]

@@ -98,6 +98,7 @@ ROWS = (
     Row('dead_channel', 60, exactly, '>= 90 %'),
     Row('beside', 60, anything_else, '<= 7 % each'),
     Row('drift', 60, anything, '<= 5 %'),
+    Row('wandering', 100, anything, '<= 5 %'),
     *(Row('independent_noise', episodes, anything, '<= 5 %') for episodes in (6, 10, 15)),
     *(
         Row(task, episodes, anything, '<= 5 %', 'automatic_shuffled')

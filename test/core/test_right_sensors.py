@@ -37,6 +37,7 @@ def selected(selector):
         'twelve_of_noise',
         'beside',
         'drift',
+        'wandering',
     ],
 )
 def test_what_is_selected_is_what_is_relevant(world):

@@ -50,6 +50,16 @@ def test_a_motor_warms_up_while_the_policy_improves():
     assert abs(np.mean(residue)) < 0.2
 
 
+def test_what_wanders_does_so_by_itself_from_episode_to_episode():
+    episodes = TASKS['wandering'].rollout(2000, 1)
+    means = np.array([(*e.states[:, :3].mean(axis=0), e.rewards.mean()) for e in episodes])
+    for column in means.T:
+        assert np.corrcoef(column[1:], column[:-1])[0, 1] > 0.7
+    assert np.abs(np.corrcoef(means.T) - np.eye(4)).max() < 0.25
+    few = TASKS['wandering'].rollout(3, 1)
+    assert all(np.array_equal(a.states, b.states) for a, b in zip(few, episodes, strict=False))
+
+
 def test_the_lidar_sees_what_the_robot_then_hits():
     pytest.importorskip('irsim', reason='ir-sim is not here')
     task = TASKS['lidar_world']
