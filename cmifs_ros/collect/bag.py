@@ -39,6 +39,8 @@ class BagEpisodes:
     episodes : list of Episode
     num_messages : int
         Messages read of the topics that were asked for.
+    num_between : int
+        Steps that belong to no episode, as what had ended the one before still held.
     dropped : dict of str to int
         How many messages, steps and episodes were dropped, by cause; causes first, then what
         follows from them.
@@ -48,6 +50,7 @@ class BagEpisodes:
     channel_names: tuple[str, ...]
     episodes: list[Episode]
     num_messages: int
+    num_between: int
     dropped: dict[str, int]
 
 
@@ -96,11 +99,11 @@ def episodes_of_bag(
             if topic in topics:
                 collector.add(topic, message, now if has_clock else recorded)
                 count += 1
-    names, dropped = collector.finish()
+    names, num_between, dropped = collector.finish()
     counters = ('messages', assembler.dropped_messages), ('episodes', assembler.dropped_episodes)
     for what, counts in counters:
         dropped |= {explained(what, cause): n for cause, n in counts.items()}
-    return BagEpisodes(names, collector.episodes, count, dropped)
+    return BagEpisodes(names, collector.episodes, count, num_between, dropped)
 
 
 @contextmanager
@@ -168,7 +171,7 @@ class _Sampled:
             self.episodes += self._assembler.add_state(step.stamp, self._names, step.state)
             self.episodes += self._assembler.add_reward(step.stamp, step.sample)
 
-    def finish(self) -> tuple[tuple[str, ...], dict[str, int]]:
+    def finish(self) -> tuple[tuple[str, ...], int, dict[str, int]]:
         self._collect(self._sampler.flush())
         dropped = {f'late messages of {t}': n for t, n in self._sampler.late.items()}
         dropped |= {
@@ -177,7 +180,7 @@ class _Sampled:
         }
         lacking = self._sampler.lacking(self._sampler.missing)
         dropped |= {f'steps without {what}': n for what, n in lacking.items()}
-        return tuple(self._names), dropped
+        return tuple(self._names), self._sampler.num_between, dropped
 
 
 class _StatesAndRewards:
@@ -211,5 +214,5 @@ class _StatesAndRewards:
             cause = 'unusable_state' if is_state else 'malformed_reward'
             self._assembler.drop_message(cause, f'{topic}: {error}')
 
-    def finish(self) -> tuple[tuple[str, ...], dict[str, int]]:
-        return self._assembler.channel_names or (), {}
+    def finish(self) -> tuple[tuple[str, ...], int, dict[str, int]]:
+        return self._assembler.channel_names or (), 0, {}

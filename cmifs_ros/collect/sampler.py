@@ -30,6 +30,8 @@ BEHIND = 2 * SECOND
 _UNREADABLE = (
     MissingFieldError, TypeError, ValueError, AttributeError, LookupError, ArithmeticError,
 )  # fmt: skip
+_OWN = dict.fromkeys(OWN_VALUES, 0.0)
+_ENDS = ('terminated', 'truncated')
 _EXECUTING = (1, 2, 3)
 _ENDED = {4: 'succeeded', 5: 'canceled', 6: 'aborted'}
 
@@ -69,6 +71,8 @@ class Sampler:
         Moments at which the file wants a step, whether or not all was there.
     num_steps : int
         Steps made.
+    num_between : int
+        Moments at which no episode could begin, as what had ended the one before still held.
     last_wrong : dict of str to str
         By topic, what was wrong with the newest such message.
 
@@ -88,6 +92,7 @@ class Sampler:
         self.last_wrong: dict[str, str] = {}
         self.num_moments = 0
         self.num_steps = 0
+        self.num_between = 0
         self._sequence = 0
         self._episode = 0
         self._unstamped: set[str] = set()
@@ -103,14 +108,18 @@ class Sampler:
         self._held: dict[str, tuple[int, list[float]]] = {}
         self._next_tick: int | None = None
         self._goal: bytes | None = None
+        names = {name for source in self._robot.sources for name in (source.name, *source.names)}
+        self._before = dict.fromkeys(names | OWN_VALUES, math.nan)  # The values one moment ago.
+        self._holds = dict.fromkeys(_ENDS, False)  # Whether an end was so when last known.
+        self._has_been_zero: set[str] = set()
         self._begin_episode()
 
     def _begin_episode(self) -> None:
-        self._left: tuple[int, array | None, dict] | None = None
+        self._left: tuple[int, array | None] | None = None
         self._step = 0
         self._sum = 0.0
         self._has_reward = False
-        self._events = dict.fromkeys(('terminated', 'truncated', *_ENDED.values()), False)
+        self._events = dict.fromkeys((*_ENDS, *_ENDED.values()), False)
 
     def add(self, topic: str, message, received: int) -> list[Step]:
         """Take a message; return the steps that are complete now.
@@ -229,7 +238,7 @@ class Sampler:
                     content[source.name] = values
             except _UNREADABLE as error:
                 problem = str(error)
-        for key in ('reward', 'terminated', 'truncated'):
+        for key in ('reward', *_ENDS):
             rule = getattr(self._robot, key)
             if isinstance(rule, FieldPath) and rule.topic == topic:
                 try:
@@ -287,9 +296,16 @@ class Sampler:
             elif key == ('goals',):
                 self._follow_goals(value)
             elif isinstance(key, tuple):
-                self._events[key[0]] |= bool(value)
+                self._follow_end(key[0], bool(value))
             else:
                 self._held[key] = (time, value)
+
+    def _follow_end(self, end: str, is_so: bool) -> None:
+        """Note what a path says of an end: one that never says no tells of moments."""
+        self._events[end] |= is_so
+        if not is_so:
+            self._has_been_zero.add(end)
+        self._holds[end] = is_so and end in self._has_been_zero
 
     def _follow_goals(self, goals: list[tuple[bytes, int]]) -> None:
         for goal, status in goals:
@@ -305,21 +321,18 @@ class Sampler:
     def _make_step(self, time: int) -> list[Step]:
         """Reach a step: the transition from the one before is complete."""
         state, values = self._state(time)
-        steps, left = [], self._left
+        left, before = self._left, self._before
         if left is None:
-            # Outside an action's goals, and before every channel has spoken, none begins.
-            may_begin = self._robot.action is None or self._goal is not None
-            if may_begin and (state is not None or self.num_steps):
-                self._begin_episode()
-                own = dict.fromkeys(OWN_VALUES, 0.0)
-                self._left = (time, state, values | own)
+            self._before = values | _OWN
+            self._begin(time, state, before)
             return []
         self._step += 1
         values |= {'step': float(self._step)}
         values |= {name: float(self._events[name]) for name in _ENDED.values()}
-        terminated = self._ends('terminated', values, left[2])
-        truncated = self._ends('truncated', values, left[2]) or self._step == self._robot.steps
-        reward = self._reward(values, left[2])
+        terminated = self._ends('terminated', values, before)
+        truncated = self._ends('truncated', values, before) or self._step == self._robot.steps
+        reward = self._reward(values, before)
+        steps = []
         if left[1] is not None and math.isfinite(reward):
             sample = RewardSample(
                 reward, terminated, truncated and not terminated, self._episode, self._step - 1
@@ -330,12 +343,26 @@ class Sampler:
             self.missing['reward'] += 1
         if terminated or truncated:
             self._episode += 1
+            self._before = values | _OWN
             self._begin_episode()
         else:
-            self._left = (time, state, values)
+            self._before = values
+            self._left = (time, state)
             self._sum = 0.0
             self._has_reward = False
         return steps
+
+    def _begin(self, time: int, state: array | None, before: dict) -> None:
+        """Begin an episode, unless what ends one holds already."""
+        is_over = [self._ends(end, self._before, before, is_open=False) for end in _ENDS]
+        self._begin_episode()
+        # Outside an action's goals, and before every channel has spoken, none begins.
+        may_begin = self._robot.action is None or self._goal is not None
+        if may_begin and (state is not None or self.num_steps):
+            if any(is_over):
+                self.num_between += 1
+            else:
+                self._left = (time, state)
 
     def _state(self, time: int) -> tuple[array | None, dict[str, float]]:
         """Return the state at a time, None if it lacks a channel, and all values by name."""
@@ -355,16 +382,20 @@ class Sampler:
             values |= zip(source.names, held, strict=True)
         return (state if is_whole else None), values
 
-    def _ends(self, key: str, values: dict, before: dict) -> bool:
-        rule = getattr(self._robot, key)
+    def _ends(self, end: str, values: dict, before: dict, is_open: bool = True) -> bool:
+        """Tell whether an episode ends here, or if none is open, whether none may begin."""
+        rule = getattr(self._robot, end)
         if isinstance(rule, Expression):
-            value = rule(values, {**dict.fromkeys(values, math.nan), **before})
-            return self._events[key] or (not math.isnan(value) and bool(value))
-        return self._events[key]
+            value = rule(values, before)
+            if not math.isnan(value):
+                self._holds[end] = bool(value)
+        # Between episodes a mere event has passed: a message of a topic, or a goal's end.
+        may_hold = is_open or (isinstance(rule, FieldPath) and rule.fields)
+        return self._holds[end] or (may_hold and self._events[end])
 
     def _reward(self, values: dict, before: dict) -> float:
         if isinstance(self._robot.reward, Expression):
-            return self._robot.reward(values, {**dict.fromkeys(values, math.nan), **before})
+            return self._robot.reward(values, before)
         return self._sum if self._has_reward else 0.0
 
 

@@ -92,6 +92,7 @@ class SamplerStatus:
         values = {
             'steps': now['steps'],
             'moments': now['moments'],
+            'between episodes': sampler.num_between,
             'steps per s': _rate(now['steps'] - past['steps'], seconds),
             **{
                 f'missing: {what}': f'{count} of {now["moments"]}'

@@ -91,8 +91,10 @@ def _read(paths: list[str], robot: RobotFile | None, options) -> list[BagEpisode
     bags = []
     for path, bag in zip(paths, found, strict=True):
         bags.append(bag)
-        messages = counted(bag.num_messages, 'message')
-        print(f'{path}: {messages}, {counted(len(bag.episodes), "whole episode")}')
+        said = [counted(bag.num_messages, 'message')]
+        said += [counted(len(bag.episodes), 'whole episode')]
+        said += [f'{counted(bag.num_between, "step")} between episodes'] if bag.num_between else []
+        print(f'{path}: {", ".join(said)}')
         for cause, count in bag.dropped.items():
             print(f'  dropped {count}: {cause}')
         with_episodes = [b for b in bags if b.episodes]

@@ -56,6 +56,102 @@ def test_terminated_by_an_expression():
     assert [s.sample.terminated for s in steps].index(True) == 3
 
 
+TASKS = """
+step: {topic: /used}
+channels: {used: /used.data}
+values: {status: /status.data}
+reward: used - before(used)
+episode: {terminated: "%s"}
+"""
+
+
+def both(*parts):
+    return False if False in parts else None if None in parts else True
+
+
+def has_said(said, i, number):
+    return None if i < 0 or said[i] is None else said[i] == number
+
+
+def by_path(said, i, step):
+    """Hold until the field is 0 again; one that never is 0 tells of single moments."""
+    is_now = bool(said[i])
+    spoken = [value for value in said[: i + 1] if value is not None]
+    holds = 0 in spoken and spoken[-1] != 0
+    return is_now or (not step and holds)
+
+
+#: By rule, whether an end is so at moment i, None if unknown: `step` is 0 where none is open.
+RULES = {
+    'status == 2': lambda said, i, step: has_said(said, i, 2),
+    'status == 2 and before(status) == 1': lambda said, i, step: both(
+        has_said(said, i, 2), has_said(said, i - 1, 1)
+    ),
+    'step >= 3': lambda said, i, step: step >= 3,
+    'before(step) >= 2': lambda said, i, step: step >= 3,
+    '/status.data': by_path,
+    '/status': lambda said, i, step: said[i] is not None and step > 0,
+}
+
+
+def steps_by_hand(used, said, ends):
+    """Return stamp, episode, step, terminated and reward by step; and the moments between."""
+    steps, num_between, episode, i, is_over = [], 0, 0, 0, False
+    while i < len(used):
+        known = ends(said, i, 0)
+        is_over = is_over if known is None else known
+        if is_over:
+            num_between += 1
+            i += 1
+            continue
+        begin = i
+        for i in range(begin + 1, len(used)):
+            is_over = bool(ends(said, i, i - begin))
+            pay = used[i] - used[i - 1]
+            steps.append(((i - 1) * 100 * MS, episode, i - 1 - begin, is_over, pay))
+            if is_over:
+                break
+        episode, i = episode + 1, i + 1
+    return steps, num_between
+
+
+@given(
+    st.sampled_from(list(RULES)),
+    st.lists(st.tuples(st.integers(-9, 9), st.sampled_from([0, 1, 1, 2, 2, 2, None])), min_size=1),
+)
+def test_what_is_terminal_begins_no_episode(rule, moments):
+    sampler, steps = Sampler(parse_robot_file(TASKS % rule)), []
+    used, said = zip(*moments, strict=True)
+    for i, (number, status) in enumerate(moments):
+        unknown = [] if rule.startswith('/') else [float('nan')]
+        for value in unknown if status is None else [status]:
+            steps += sampler.add('/status', Message(data=value), i * 100 * MS)
+        steps += sampler.add('/used', Message(data=number), i * 100 * MS)
+    steps += sampler.flush()
+    expected, num_between = steps_by_hand(used, said, RULES[rule])
+    found = [
+        (s.stamp, s.sample.episode, s.sample.step, s.sample.terminated, s.sample.reward)
+        for s in steps
+    ]
+    assert found == expected
+    assert sampler.num_between == num_between
+
+
+def test_a_robot_that_is_idle_after_its_task_is_paid_once_for_it():
+    """Status 1: at work; 2: done, and it stays so until the next task."""
+    file = TASKS.replace('used - before(used)', '"used - before(used) + 10 * (status == 2)"')
+    sampler, steps = Sampler(parse_robot_file(file % 'status >= 2')), []
+    for i in range(200):
+        status = 1 if i % 20 < 12 else 2
+        steps += sampler.add('/status', Message(data=status), i * 100 * MS)
+        steps += sampler.add('/used', Message(data=i), i * 100 * MS)
+    steps += sampler.flush()
+    ends = [step for step in steps if step.sample.terminated]
+    assert [step.sample.reward for step in ends] == [11] * 10
+    assert {step.sample.step for step in ends} == {11}
+    assert sampler.num_between == 10 * 7
+
+
 def test_a_far_stamp_is_left_out_and_a_clock_set_back_begins_anew():
     first = [(topic, 10**6 + 100 * t, t) for t in range(5) for topic in ('/a', '/b')]
     far = [('/b', 10**9, 0)]
