@@ -41,6 +41,10 @@ class BagEpisodes:
         Messages read of the topics that were asked for.
     num_between : int
         Steps that belong to no episode, as what had ended the one before still held.
+    num_cut : int
+        Episodes closed at `MAX_EPISODE_STEPS`.
+    num_open_steps : int
+        Steps after the last end.
     dropped : dict of str to int
         How many messages, steps and episodes were dropped, by cause; causes first, then what
         follows from them.
@@ -51,6 +55,8 @@ class BagEpisodes:
     episodes: list[Episode]
     num_messages: int
     num_between: int
+    num_cut: int
+    num_open_steps: int
     dropped: dict[str, int]
 
 
@@ -103,7 +109,10 @@ def episodes_of_bag(
     counters = ('messages', assembler.dropped_messages), ('episodes', assembler.dropped_episodes)
     for what, counts in counters:
         dropped |= {explained(what, cause): n for cause, n in counts.items()}
-    return BagEpisodes(names, collector.episodes, count, num_between, dropped)
+    return BagEpisodes(
+        names, collector.episodes, count, num_between, assembler.num_cut, assembler.num_open_steps,
+        dropped,
+    )  # fmt: skip
 
 
 @contextmanager

@@ -12,6 +12,7 @@ from pathlib import Path
 
 from cmifs_ros.collect import episode_file
 from cmifs_ros.collect.bag import BagEpisodes, BagError, episodes_of_bag
+from cmifs_ros.collect.episode_check import problems_of_episodes
 from cmifs_ros.collect.reward_check import problem_of_rewards
 from cmifs_ros.collect.robot_file import RobotFile, RobotFileError, load_robot_file
 from cmifs_ros.collect.selection_report import reply_of
@@ -112,13 +113,15 @@ def _select(bags: list[BagEpisodes], robot: RobotFile | None, options) -> None:
     from .ranking import draw_ranking, ranking_text
 
     episodes = [episode for bag in bags for episode in bag.episodes]
+    problems = problems_of_episodes(
+        [len(episode) for episode in episodes],
+        sum(bag.num_cut for bag in bags),
+        sum(bag.num_open_steps for bag in bags),
+    )
     if len(episodes) < 2:
-        whole = counted(len(episodes), 'whole episode')
-        raise BagError(
-            f'{whole}; expected at least 2, better 50. One that lacks a step, or that was not '
-            'recorded from begin to end, does not count; `episode: {steps: 25}` in the robot file '
-            'makes windows of 25 steps'
-        )
+        raise BagError('; '.join(problems))
+    for problem in problems:
+        print(f'warning: {problem}')
     names = next(bag.channel_names for bag in bags if bag.episodes)
     problem = problem_of_rewards(episodes)
     if problem:

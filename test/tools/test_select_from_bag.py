@@ -195,7 +195,7 @@ def spoilt(path, how):
         ('foreign', 'cannot be read as a bag'),
         ('truncated', 'cut off is mended by `mcap recover` (MCAP)'),
         ('without metadata', 'or `ros2 bag reindex`'),
-        ('short', '1 whole episode; expected at least 2'),
+        ('short', '1 whole episode; expected at least 20'),
     ],
 )
 def test_a_bag_that_cannot_be_used_is_one_sentence(tmp_path, robot, how, said, capsys):
