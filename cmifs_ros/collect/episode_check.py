@@ -40,8 +40,8 @@ def problems_of_episodes(lengths: Sequence[int], num_cut: int, num_open_steps: i
     num_single = sum(length == 1 for length in lengths)
     if num_single > count / 2:
         problems.append(
-            f'a single step in {num_single} of {whole}: what ends one seems to be so at every step; an '
-            'end by a topic needs one that speaks at ends only'
+            f'a single step in {num_single} of {whole}: what ends one seems to be so at each step; '
+            'an end by a topic needs one that speaks at ends only'
         )
     if count < FEW:
         problems.append(

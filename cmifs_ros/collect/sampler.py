@@ -33,6 +33,9 @@ _UNREADABLE = (
 _OWN = dict.fromkeys(OWN_VALUES, 0.0)
 _ENDS = ('terminated', 'truncated')
 _EXECUTING = (1, 2, 3)
+#: Why a step lacks a value.
+_NEVER, _OLD = 'no message', 'silent'
+_NAN, _INFINITE, _NO_VALUE = 'it is NaN', 'it is infinite', 'it has no value'
 _ENDED = {4: 'succeeded', 5: 'canceled', 6: 'aborted'}
 
 
@@ -66,7 +69,7 @@ class Sampler:
         Messages by topic: taken; older than one of the topic before, or too late for the others;
         without the field or with a far stamp.
     missing : collections.Counter
-        Steps that lack a channel or value, by its name.
+        Steps that lack a channel or value, by its name and why; see `lacking`.
     num_moments : int
         Moments at which the file wants a step, whether or not all was there.
     num_steps : int
@@ -88,7 +91,7 @@ class Sampler:
         self.received: Counter[str] = Counter()
         self.late: Counter[str] = Counter()
         self.wrong: Counter[str] = Counter()
-        self.missing: Counter[str] = Counter()
+        self.missing: Counter[tuple[str, str]] = Counter()
         self.last_wrong: dict[str, str] = {}
         self.num_moments = 0
         self.num_steps = 0
@@ -103,6 +106,7 @@ class Sampler:
         """Begin anew: nothing is known of a clock that was set."""
         self._waiting: list = []
         self._newest: dict[str, int] = {}
+        self._spoken: dict[str, tuple[int, int]] = {}  # By topic, its first stamp; how many came.
         self._passed: int | None = None  # All before this time has been worked through.
         self._suspects: dict[str, deque[tuple[int, dict]]] = {}  # By topic, its last, all far.
         self._held: dict[str, tuple[int, list[float]]] = {}
@@ -177,6 +181,8 @@ class Sampler:
         self._sequence += 1
         heapq.heappush(self._waiting, (stamp, self._rank[topic], self._sequence, topic, content))
         self._newest[topic] = stamp
+        first, count = self._spoken.get(topic, (stamp, 0))
+        self._spoken[topic] = (first, count + 1)
 
     def _change_clock(self, stamp: int) -> list[Step]:
         """End what was before a clock was set; what topics said since then counts."""
@@ -199,33 +205,50 @@ class Sampler:
         self.wrong[topic] += 1
         self.last_wrong[topic] = what[:300]
 
-    def lacking(self, missing: Mapping[str, int]) -> Counter[str]:
-        """Return how many steps lacked something, by what in words.
+    def lacking(self, missing: Mapping[tuple[str, str], int]) -> Counter[str]:
+        """Return how many steps lacked something, by what and why in words.
 
         What one topic lacked equally often has one cause, and is told once: without names if it is
         all that the robot file takes of it.
 
         Parameters
         ----------
-        missing : mapping of str to int
+        missing : mapping of tuple to int
             As the attribute, or of some of the steps.
 
         """
-        of = {source.name: (source.path.topic, source.is_channel) for source in self._robot.sources}
+        source_of = {source.name: source for source in self._robot.sources}
+        of = {name: (s.path.topic, s.is_channel) for name, s in source_of.items()}
         sizes = Counter(of.values())
         alike: dict[tuple, list[str]] = {}
-        for name, count in missing.items():
-            alike.setdefault((of.get(name, name), count), []).append(name)
+        for (name, cause), count in missing.items():
+            why = self._why(source_of.get(name), cause)
+            alike.setdefault((of.get(name, name), count, why), []).append(name)
         words: Counter[str] = Counter()
-        for (origin, count), names in alike.items():
+        for (origin, count, why), names in alike.items():
             what = names[0]
             if len(names) > 1:
                 topic, is_channel = origin
                 noun = 'channel' if is_channel else 'value'
                 what = f'{counted(len(names), noun)} of {topic}'
                 what += f' ({listed(names)})' if len(names) < sizes[origin] else ''
-            words[what] = count
+            words[f'{what}: {why}'] = count
         return words
+
+    def _why(self, source: Source | None, cause: str) -> str:
+        """Return why a step lacked something, by what is known of its messages by now."""
+        if cause == _NEVER and source.name in self._held:
+            return 'no message yet'
+        if cause == _NEVER and self.received[source.path.topic]:
+            return 'no message of use'
+        if cause == _OLD:
+            topic, max_age = source.path.topic, source.max_age
+            first, count = self._spoken.get(topic, (0, 0))
+            period = (self._newest[topic] - first) / SECOND / (count - 1) if count > 1 else 0.0
+            if period > max_age:
+                return f'its messages come every {period:.3g} s, max_age is {max_age:g} s'
+            return f'silent for more than its max_age, {max_age:g} s'
+        return cause
 
     def _read(self, topic: str, message) -> dict:
         """Return what the message says, so that itself need not be kept."""
@@ -340,7 +363,7 @@ class Sampler:
             steps.append(Step(left[0], left[1], sample))
             self.num_steps += 1
         elif left[1] is not None:
-            self.missing['reward'] += 1
+            self.missing['reward', _NO_VALUE] += 1
         if terminated or truncated:
             self._episode += 1
             self._before = values | _OWN
@@ -370,10 +393,15 @@ class Sampler:
         state, values, is_whole = array('d'), {}, True
         for source in self._robot.sources:
             since, held = self._held.get(source.name, (None, []))
-            if since is None or time - since > source.max_age * SECOND or not all(
-                map(math.isfinite, held)
-            ):  # fmt: skip
-                self.missing[source.name] += 1
+            why = None
+            if since is None:
+                why = _NEVER
+            elif time - since > source.max_age * SECOND:
+                why = _OLD
+            elif not all(map(math.isfinite, held)):
+                why = _NAN if any(map(math.isnan, held)) else _INFINITE
+            if why is not None:
+                self.missing[source.name, why] += 1
                 is_whole &= not source.is_channel
                 values |= dict.fromkeys((source.name, *source.names), math.nan)
                 continue

@@ -82,9 +82,9 @@ class SamplerStatus:
         level, message = diagnostics.OK, 'steps are made'
         if lacking:
             causes = sampler.lacking(lacking).most_common(_MAX_CAUSES)
-            shown = ', '.join(f'{what} {count}' for what, count in causes)
+            shown = '; '.join(f'{count} lack {what}' for what, count in causes)
             level = diagnostics.WARN
-            message = f'of the last {counted(moments, "step")} lack: {shown}; they break episodes'
+            message = f'of the last {counted(moments, "step")}, {shown}; they break episodes'
         elif problems:
             level, message = diagnostics.WARN, f'wanting: {listed(sorted(problems))}'
         elif not moments:

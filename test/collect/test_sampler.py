@@ -40,7 +40,10 @@ def test_no_step_before_every_topic_has_spoken_and_none_with_an_old_value():
     messages = [('/a', 100 * t, t) for t in range(10)] + [('/b', 250, 7)]
     steps, sampler = steps_of('steps: 99', messages, lateness=5)
     assert [s.stamp // MS for s in steps] == [300, 400, 500]
-    assert sampler.missing['b'] == 3 + 4
+    assert sampler.lacking(sampler.missing) == {
+        'b: no message yet': 3,
+        'b: silent for more than its max_age, 0.25 s': 4,
+    }
 
 
 def test_windows_are_truncated_and_an_open_end_is_not_an_episode():
@@ -168,7 +171,7 @@ def test_arrays_that_change_their_length_are_gaps():
         sampler.add('/s', Message(r=np.ones(length)), time * SECOND * 2)
     sampler.flush()
     assert sampler.wrong['/s'] == 1
-    assert sampler.missing['s'] == 1
+    assert sampler.lacking(sampler.missing) == {'s: its messages come every 2 s, max_age is 1 s': 1}
 
 
 def test_a_message_of_other_things_is_not_wrong_and_changes_nothing():
@@ -261,7 +264,7 @@ def test_a_reward_without_a_value_is_a_gap_by_its_cause():
             steps += sampler.add(topic, Message(data=value), t * 100 * MS)
     steps += sampler.flush()
     assert [s.sample.reward for s in steps] == [0.5, 0.25]
-    assert sampler.missing == {'reward': 1}
+    assert sampler.lacking(sampler.missing) == {'reward: it has no value': 1}
 
 
 def test_step_and_its_like_have_a_value_before_the_first_step():

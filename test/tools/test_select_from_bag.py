@@ -234,7 +234,8 @@ def test_what_one_topic_lacks_is_told_once_and_causes_come_before_what_follows(t
     file.write_text(ROBOT.replace('channels:\n', f'channels:\n{rays}'))
     main([str(tmp_path / 'bag'), '--robot', str(file), '--out', str(tmp_path)])
     dropped = re.findall(r'  dropped (\d+): (.*)', capsys.readouterr().out)
-    assert dropped[0][1] == 'steps without 9 channels of /scan'
+    why = 'its messages come every 1 s, max_age is 0.5 s'
+    assert dropped[0][1] == f'steps without 9 channels of /scan: {why}'
     assert dropped[-1][1].startswith('episodes: ')
 
 

@@ -85,12 +85,14 @@ def test_a_selector_in_another_namespace_is_pointed_at():
 
 def test_the_sampler_is_shown_with_the_topics_that_are_not_well():
     sampler = {
-        'steps': Status(1, 'of the last 100 steps lack: battery 100; they break episodes', {}),
+        'steps': Status(
+            1, 'of the last 9 steps, 9 lack battery: no message; they break episodes', {}
+        ),
         '/odom': Status(0, 'received', {}),
         '/battery': Status(3, 'nobody publishes it', {}),
     }
     text = text_of(snapshot(sampler=sampler))
-    assert re.search(r'^sampler +warn of the last 100 steps lack: battery 100', text, re.M)
+    assert re.search(r'^sampler +warn of the last 9 steps, 9 lack battery: no message', text, re.M)
     assert '/battery stale nobody publishes it' in text
     assert '/odom' not in text
     assert 'sampler' not in text_of(snapshot())
