@@ -186,6 +186,7 @@ class _Sampled:
         dropped |= {
             f'wrong messages of {t}, such as: {self._sampler.last_wrong[t]}': n
             for t, n in self._sampler.wrong.items()
+            if n
         }
         lacking = self._sampler.lacking(self._sampler.missing)
         dropped |= {f'steps without {what}': n for what, n in lacking.items()}

@@ -21,10 +21,12 @@ from .transitions import RewardSample
 from .words import counted, listed
 
 SECOND = 1_000_000_000
-#: A message this far from the others is wrong; two of a topic in a row: the clock was set.
+#: A message this far from the others is wrong; if its topic and others go on so, the clock was set.
 JUMP = 60 * SECOND
+#: For so long a topic that has another time waits for others to join it, or to go on without it.
+PATIENCE = 5 * SECOND
 MAX_WAITING = 100_000
-MAX_SUSPECTS = 100
+MAX_SUSPECTS = 1000
 #: A time of receipt runs ahead of the stamps if who receives is behind: it counts so much less.
 BEHIND = 2 * SECOND
 _UNREADABLE = (
@@ -51,6 +53,20 @@ def event_time(message) -> int | None:
     """Return its header's stamp in nanoseconds; None if there is none, or it is 0."""
     stamp = getattr(getattr(message, 'header', None), 'stamp', None)
     return None if stamp is None else (stamp.sec * SECOND + stamp.nanosec or None)
+
+
+class _Suspects:
+    """A topic's newest messages, if all are far from the others', but not from one another."""
+
+    def __init__(self, is_stamped: bool, stamp: int, newest: Mapping[str, int]):
+        self.is_stamped = is_stamped
+        self.messages: deque[tuple[int, dict]] = deque(maxlen=MAX_SUSPECTS)
+        self.since, self.newest_then = stamp, dict(newest)
+
+    @property
+    def stamp(self) -> int:
+        """The newest one's."""
+        return self.messages[-1][0]
 
 
 class Sampler:
@@ -108,7 +124,7 @@ class Sampler:
         self._newest: dict[str, int] = {}
         self._spoken: dict[str, tuple[int, int]] = {}  # By topic, its first stamp; how many came.
         self._passed: int | None = None  # All before this time has been worked through.
-        self._suspects: dict[str, deque[tuple[int, dict]]] = {}  # By topic, its last, all far.
+        self._suspects: dict[str, _Suspects] = {}
         self._held: dict[str, tuple[int, list[float]]] = {}
         self._next_tick: int | None = None
         self._goal: bytes | None = None
@@ -151,16 +167,16 @@ class Sampler:
         if newest is None or abs(stamp - newest) <= JUMP:
             self._suspects.pop(topic, None)
         else:
-            suspects = self._suspects.setdefault(topic, deque(maxlen=MAX_SUSPECTS))
-            if suspects and abs(stamp - suspects[-1][0]) > JUMP:
-                suspects.clear()
-            suspects.append((stamp, content))
+            suspects = self._suspects.get(topic)
+            if suspects is None or abs(stamp - suspects.stamp) > JUMP:
+                suspects = self._suspects[topic] = _Suspects(own is not None, stamp, self._newest)
+            suspects.messages.append((stamp, content))
             # When a message was received tells nothing of a clock by which others are stamped.
             is_led = own is None and self._newest.keys() - self._unstamped
-            if is_led or len(suspects) == 1:
+            if is_led or not self._is_clock_set(suspects):
                 self.note_wrong(topic, _far(stamp, newest, own is None))
                 return []
-            suspects.pop()
+            suspects.messages.pop()
             steps = self._change_clock(stamp)
         if stamp < max(self._passed or 0, self._newest.get(topic, 0)):
             self.late[topic] += 1
@@ -184,15 +200,34 @@ class Sampler:
         first, count = self._spoken.get(topic, (stamp, 0))
         self._spoken[topic] = (first, count + 1)
 
+    def _is_clock_set(self, suspects: _Suspects) -> bool:
+        """Whether more topics have the time of these suspects than may go on with the old one."""
+        joined = {
+            topic: other
+            for topic, other in self._suspects.items()
+            if other.is_stamped == suspects.is_stamped and abs(other.stamp - suspects.stamp) <= JUMP
+        }
+        if max(len(other.messages) for other in joined.values()) == 1:
+            return False
+        rest = self._newest.keys() - self._unstamped - joined.keys()
+        if suspects.stamp - suspects.since >= PATIENCE:
+            rest = {t for t in rest if self._newest[t] != suspects.newest_then.get(t)}
+            suspects.since, suspects.newest_then = suspects.stamp, dict(self._newest)
+        return len(joined) > len(rest)
+
     def _change_clock(self, stamp: int) -> list[Step]:
         """End what was before a clock was set; what topics said since then counts."""
         steps, suspects = self.flush(), self._suspects
         self._episode += 1
         self._set_clock()
-        for topic, messages in suspects.items():
-            for first, content in messages:
-                if abs(first - stamp) <= JUMP:
-                    self.wrong[topic] -= 1
+        for topic, others in suspects.items():
+            for first, content in others.messages:
+                if abs(first - stamp) > JUMP:
+                    continue
+                self.wrong[topic] -= 1
+                if first < self._newest.get(topic, 0):
+                    self.late[topic] += 1
+                else:
                     self._wait(topic, first, content)
         return steps
 
@@ -434,7 +469,7 @@ def _far(stamp: int, newest: int, is_received: bool) -> str:
             f'it has no stamp, and when it was received, {what}: if their time is simulated, '
             'set use_sim_time, or record /clock'
         )
-    return f'its stamp {what}'
+    return f'its stamp {what}: set the clock of whoever stamps it'
 
 
 def _number(value) -> float:

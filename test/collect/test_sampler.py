@@ -3,7 +3,7 @@
 from types import SimpleNamespace as Message
 
 import numpy as np
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cmifs_ros.collect.robot_file import parse_robot_file
@@ -162,6 +162,63 @@ def test_a_far_stamp_is_left_out_and_a_clock_set_back_begins_anew():
     steps, sampler = steps_of('steps: 2', first + far + first[-2:] + again)
     assert sampler.wrong == {'/b': 1, '/a': 0}
     assert [s.stamp // MS for s in steps] == [10**6, 10**6 + 100, 10**6 + 300, 0, 100, 300]
+
+
+STAMPED = """
+step: {topic: /a}
+channels: {a: /a.data, b: /b.data}
+values: {c: /c.data}
+reward: a
+"""
+HOUR = 3_600_000
+
+
+def steps_of_stamped(messages):
+    """Return stamps and states by (milliseconds, topic, by how much its stamp is off)."""
+    sampler, steps = Sampler(parse_robot_file(STAMPED)), []
+    for time, topic, shift in sorted(messages):
+        seconds, rest = divmod(2 * HOUR + time + shift, 1000)
+        header = Message(stamp=Message(sec=seconds, nanosec=rest * MS))
+        steps += sampler.add(topic, Message(data=time, header=header), 0)
+    steps += sampler.flush()
+    return [(step.stamp, list(step.state)) for step in steps], +sampler.wrong
+
+
+@st.composite
+def three_topics(draw):
+    """Return milliseconds and topic; each has a period of its own."""
+    return [
+        (time, topic)
+        for topic in ('/a', '/b', '/c')
+        for time in range(draw(st.integers(0, 500)), 9000, draw(st.sampled_from([10, 300, 1500])))
+    ]
+
+
+@settings(max_examples=50)
+@given(three_topics(), st.sampled_from([-HOUR, HOUR]))
+def test_one_topic_with_another_clock_disturbs_no_other(messages, off):
+    good = [(time, topic, 0) for time, topic in messages if topic != '/c']
+    odd = [(time, topic, off) for time, topic in messages if topic == '/c']
+    steps, wrong = steps_of_stamped(good + odd)
+    assert steps == steps_of_stamped(good)[0]
+    assert wrong.keys() == {'/c'}
+    # Of the first that ever come, nobody can tell whether they are odd.
+    assert wrong['/c'] == len(odd) or min(odd) < min(good)
+
+
+@settings(max_examples=50)
+@given(three_topics(), st.sampled_from([-HOUR, HOUR]), st.integers(1000, 5000))
+def test_a_clock_that_is_set_begins_anew_and_nothing_is_wrong(messages, off, when):
+    before = [(time, topic, 0) for time, topic in messages if time < when]
+    after = [(time, topic, off) for time, topic in messages if time >= when]
+    parts = steps_of_stamped(before)[0] + steps_of_stamped(after)[0]
+    assert steps_of_stamped(before + after) == (parts, {})
+
+
+def test_a_topic_that_alone_goes_on_after_the_clock_was_set_is_believed_after_seconds():
+    before = [(time, topic, 0) for time in range(0, 3000, 100) for topic in ('/a', '/b', '/c')]
+    after = [(time, '/b', HOUR) for time in range(3000, 9000, 100)]
+    assert not steps_of_stamped(before + after)[1]
 
 
 def test_arrays_that_change_their_length_are_gaps():
