@@ -62,6 +62,7 @@ class SamplerStatus:
             'time': time.monotonic(),
             'moments': sampler.num_moments,
             'steps': sampler.num_steps,
+            'between': sampler.num_between,
             **{
                 key: Counter(getattr(sampler, key))
                 for key in ('received', 'late', 'wrong', 'missing')
@@ -89,10 +90,12 @@ class SamplerStatus:
             level, message = diagnostics.WARN, f'wanting: {listed(sorted(problems))}'
         elif not moments:
             level, message = diagnostics.STALE, 'no step is due'
+        elif now['between'] - past['between'] == moments:
+            message = 'between episodes: what ended the last one still holds'
         values = {
             'steps': now['steps'],
             'moments': now['moments'],
-            'between episodes': sampler.num_between,
+            'between episodes': now['between'],
             'steps per s': _rate(now['steps'] - past['steps'], seconds),
             **{
                 f'missing: {what}': f'{count} of {now["moments"]}'

@@ -207,6 +207,22 @@ def test_a_bag_that_cannot_be_used_is_one_sentence(tmp_path, robot, how, said, c
     assert not (tmp_path / 'selection.json').exists()
 
 
+def test_ends_that_never_come_or_that_last_are_told(tmp_path, capsys):
+    states, _ = write_bag(tmp_path / 'bag', 42)
+    file = tmp_path / 'robot.yaml'
+    options = [str(tmp_path / 'bag'), '--robot', str(file), '--out', str(tmp_path)]
+    file.write_text(ROBOT.replace('steps: 5', 'terminated: x > 100'))
+    assert main(options) == 1
+    assert 'no end in 41 steps: say what ends an episode' in capsys.readouterr().err
+    file.write_text(ROBOT.replace('steps: 5', 'terminated: x > 0'))
+    main(options)
+    is_over = states[:, 0] > 0
+    num_ends = np.count_nonzero(is_over[1:] & ~is_over[:-1])
+    said = capsys.readouterr().out
+    assert f'{num_ends} whole episode' in said
+    assert f' {np.count_nonzero(is_over) - num_ends} steps between episodes' in said
+
+
 def test_a_topic_that_the_bag_lacks_is_an_error(tmp_path, capsys):
     write_bag(tmp_path / 'bag', 42)
     (tmp_path / 'robot.yaml').write_text(ROBOT.replace('/noise.data', '/battery.percentage'))
