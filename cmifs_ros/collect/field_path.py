@@ -11,7 +11,7 @@ import re
 from dataclasses import dataclass
 
 from .state_reader import MAX_CHANNELS, MAX_NAME_LENGTH
-from .words import counted
+from .words import counted, listed
 
 MAX_PARTS = 16
 _MAX_INDEX = 10**7
@@ -24,7 +24,7 @@ _END = re.compile(r'(?:\[(\d+)\]|\[(\d*):(\d+)(?::(\d+))?\]|\{([^{}]+)\})?')
 
 
 class MissingFieldError(Exception):
-    """A message has no such field, or an array of another length; the text says which."""
+    """A message lacks what a path names, or has something else there; the text says what."""
 
 
 @dataclass(frozen=True)
@@ -52,11 +52,40 @@ class FieldPath:
     @property
     def suffixes(self) -> tuple[str, ...]:
         """What distinguishes its values: `[0]`, `.shoulder`; one empty text for a single value."""
-        if self.names:
+        if len(self.names) > 1:
             return tuple(f'.{name}' for name in self.names)
         if self.is_list:
             return tuple(f'[{index}]' for index in self.indices)
         return ('',)
+
+    def __str__(self) -> str:
+        """Return the path up to its last field."""
+        parts = (part if part.startswith('{') else f'.{part}' for part in self.fields)
+        return self.topic + ''.join(parts)
+
+    def numbers(self, message) -> list[float]:
+        """Return the values in a message as numbers; see `read`."""
+        return [self.number(value) for value in self.read(message)]
+
+    def number(self, value) -> float:
+        """Return a value that was read as a number.
+
+        A `byte` is b'3' in rclpy and 3 in rosbags; text that is a number counts as one.
+
+        Raises
+        ------
+        MissingFieldError
+            If it is none.
+
+        """
+        if isinstance(value, bytes):
+            value = value[0]
+        if isinstance(value, str) or not hasattr(value, '__len__'):  # NumPy takes `[3]` for 3.
+            try:
+                return float(value)
+            except (TypeError, ValueError):
+                pass
+        raise MissingFieldError(f'{self} is {described(value)}; expected {_remedy(value)}')
 
     def read(self, message) -> list:
         """Return the values in a message, as many as `suffixes`.
@@ -66,21 +95,24 @@ class FieldPath:
         Raises
         ------
         MissingFieldError
-            If the message lacks a field, an index or a name.
+            If the message lacks a field, an index or a name, or has no array where one is needed.
 
         """
         parent = value = message
-        for field in self.fields:
+        for depth, field in enumerate(self.fields):
             parent = value
             if field.startswith('{'):
+                FieldPath(self.topic, self.fields[:depth])._expect_array(value, field)
                 value = next((entry for entry in value if _called(entry) == field[1:-1]), None)
                 if value is None:
                     return []
                 continue
-            value = getattr(value, field, None)
+            value = getattr(parent, field, None)
             if value is None:
-                raise MissingFieldError(f'{self.topic} has no field {field!r}')
+                expected = f'; expected one of {own}' if (own := _fields(parent)) else ''
+                raise MissingFieldError(f'{self.topic} has no field {field!r}{expected}')
         if self.names:
+            self._expect_array(value, f'{{{",".join(self.names)}}}')
             order = list(getattr(parent, 'name', ()))
             if len(order) != len(value):
                 raise MissingFieldError(
@@ -92,6 +124,7 @@ class FieldPath:
                 raise MissingFieldError(f'{self.topic} has no {missing[0]!r} in its names')
             return [value[order.index(name)] for name in self.names]
         if self.indices:
+            self._expect_array(value, f'[{self.indices[0]}]')
             if len(value) <= max(self.indices):
                 raise MissingFieldError(
                     f'{self.topic} has {counted(len(value), "value")}; '
@@ -99,6 +132,36 @@ class FieldPath:
                 )
             return [value[index] for index in self.indices]
         return [value]
+
+    def _expect_array(self, value, end: str) -> None:
+        if isinstance(value, str) or not hasattr(value, '__len__'):
+            raise MissingFieldError(f'{self} is {described(value)}; expected an array for {end}')
+
+
+def described(value) -> str:
+    """Return what is found in the place of a number: a text, an array, a message."""
+    if isinstance(value, str):
+        return f'the text {value[:40]!r}'
+    if hasattr(value, '__len__'):
+        return f'an array of {counted(len(value), "value")}'
+    if isinstance(value, (int, float)):
+        return 'a number'
+    name = type(value).__name__.rsplit('__')[-1]  # rosbags: geometry_msgs__msg__Pose
+    return f'a {name} of {_fields(value)}'
+
+
+def _remedy(value) -> str:
+    if isinstance(value, str):
+        return 'a number; of a few words, `one_hot: [word, word]` makes channels'
+    if hasattr(value, '__len__'):
+        return f'[0] for one entry, [0:{len(value)}] for all, or {{name}} of a JointState'
+    return 'a number: name a field of it'
+
+
+def _fields(message) -> str:
+    """Return the names of a message's fields in words; constants are in capitals."""
+    names = [name for name in dir(message) if name == name.lower() and not name.startswith('_')]
+    return listed([name for name in names if not callable(getattr(message, name))])
 
 
 def parse_field_path(text: str) -> FieldPath:

@@ -13,7 +13,7 @@ from pathlib import Path
 import yaml
 
 from .expression import FUNCTIONS, Expression
-from .field_path import FieldPath, parse_field_path
+from .field_path import FieldPath, MissingFieldError, described, parse_field_path
 from .sensor_groups import groups_by_name
 from .state_reader import problem_of_names
 
@@ -62,6 +62,26 @@ class Source:
         """Names of its channels: `yaw.sin`, `scan[30]`, `arm.elbow`; its own if it has one."""
         suffixes = ('.sin', '.cos') if self.is_yaw else self.path.suffixes
         return tuple(self.name + suffix for suffix in suffixes)
+
+    def read(self, message) -> list[float]:
+        """Return its values in a message, as many as `names`, or none; see `FieldPath.read`."""
+        if self.is_yaw:
+            return [part for q in self.path.read(message) for part in self._yaw(q)]
+        values = self.path.numbers(message)
+        if self.inf is not None:
+            instead = FieldPath(self.path.topic, (self.inf,)).numbers(message)[0]
+            values = [instead if value == math.inf else value for value in values]
+        return values
+
+    def _yaw(self, q) -> tuple[float, float]:
+        if not all(hasattr(q, part) for part in 'wxyz'):
+            raise MissingFieldError(
+                f'{self.path} is {described(q)}; expected a quaternion of w, x, y, z for as: yaw'
+            )
+        sine = 2 * (q.w * q.z + q.x * q.y)
+        cosine = 1 - 2 * (q.y * q.y + q.z * q.z)
+        length = math.hypot(sine, cosine) or math.nan
+        return sine / length, cosine / length
 
 
 @dataclass(frozen=True)

@@ -291,7 +291,7 @@ class Sampler:
         problem: str | None = None
         for source in self._by_topic[topic]:
             try:
-                values = _values(source, message)
+                values = source.read(message)
                 if values:
                     content[source.name] = values
             except _UNREADABLE as error:
@@ -300,15 +300,13 @@ class Sampler:
             rule = getattr(self._robot, key)
             if isinstance(rule, FieldPath) and rule.topic == topic:
                 try:
-                    content[key, 'rule'] = (
-                        sum(map(_number, rule.read(message))) if rule.fields else 1.0
-                    )
+                    content[key, 'rule'] = sum(rule.numbers(message)) if rule.fields else 1.0
                 except _UNREADABLE as error:
                     problem = str(error)
         if self._robot.action and topic == self._robot.action + STATUS:
             try:
                 content['goals',] = [
-                    (bytes(map(int, entry.goal_info.goal_id.uuid)), int(_number(entry.status)))
+                    (bytes(map(int, entry.goal_info.goal_id.uuid)), int(entry.status))
                     for entry in message.status_list
                 ]
             except _UNREADABLE as error:
@@ -470,23 +468,3 @@ def _far(stamp: int, newest: int, is_received: bool) -> str:
             'set use_sim_time, or record /clock'
         )
     return f'its stamp {what}: set the clock of whoever stamps it'
-
-
-def _number(value) -> float:
-    """Return a field as a number; a `byte` is b'3' in rclpy and 3 in rosbags."""
-    return float(value[0] if isinstance(value, bytes) else value)
-
-
-def _values(source: Source, message) -> list[float]:
-    found = source.path.read(message)
-    if source.is_yaw and found:
-        q = found[0]
-        sine = 2 * (q.w * q.z + q.x * q.y)
-        cosine = 1 - 2 * (q.y * q.y + q.z * q.z)
-        length = math.hypot(sine, cosine) or math.nan
-        return [sine / length, cosine / length]
-    values = list(map(_number, found))
-    if source.inf is not None:
-        instead = _number(getattr(message, source.inf))
-        values = [instead if value == math.inf else value for value in values]
-    return values

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from numbers import Real
 
 import numpy as np
 
@@ -287,6 +288,10 @@ class ConditionalMISelector(SensorSelector):
         return bins, criteria[bins]
 
     def _check_parameters(self):
+        for name in ('gamma', 'tuning_window', 'num_centers', 'significance', 'n_jobs'):
+            value = getattr(self, name)
+            if not isinstance(value, Real) and not (value is None and name == 'num_centers'):
+                raise ValueError(f'{name} is {value!r}; expected a number')
         bins = self.max_time_bins
         if bins is not None and bins != 'auto' and (isinstance(bins, str) or bins < 1):
             raise ValueError(

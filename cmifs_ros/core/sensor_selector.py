@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Mapping, Sequence
+from numbers import Integral
 from typing import NamedTuple
 
 import numpy as np
@@ -97,9 +98,12 @@ class SensorSelector(ABC):
         self._progress = progress
         episodes, names, sensor_names, sensors = self._checked(episodes, names)
         self._start = [i for i, name in enumerate(sensor_names) if name in start]
-        if self.num_features is not None and not 1 <= self.num_features <= len(sensors):
+        wanted = self.num_features
+        if wanted is not None and not (
+            isinstance(wanted, Integral) and 1 <= wanted <= len(sensors)
+        ):
             raise ValueError(
-                f'num_features is {self.num_features}; expected 1 to {len(sensors)}, '
+                f'num_features is {wanted!r}; expected 1 to {len(sensors)}, '
                 'the number of sensors, or None'
             )
         if self.direction not in DIRECTIONS:

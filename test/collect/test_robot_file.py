@@ -1,7 +1,10 @@
 """The robot file: what it says, and that all mistakes are told at once."""
 
+from types import SimpleNamespace as Message
+
 import pytest
 
+from cmifs_ros.collect.field_path import MissingFieldError
 from cmifs_ros.collect.robot_file import RobotFileError, parse_robot_file
 
 WHOLE = """
@@ -62,6 +65,19 @@ def test_an_expression_that_names_an_array_is_refused_when_it_is_read(rule, plac
     assert 'single numbers' in str(error.value)
     shown = str(error.value).rsplit(': ', 1)[1].split(', ')
     assert shown == ['aborted', 'battery', 'canceled', 'distance', 'step', 'succeeded', 'x']
+
+
+def test_a_joint_by_its_name_is_a_single_number():
+    text = WHOLE.replace('{shoulder,elbow}', '{elbow}').replace('step >= 300', 'arm > 1')
+    assert 'arm' in parse_robot_file(text).channel_names
+
+
+def test_the_yaw_of_what_is_no_quaternion_is_refused_in_words():
+    yaw = parse_robot_file(WHOLE).sources[1]
+    pose = Message(position=1, orientation=Message(x=0, y=0, z=0, w=1))
+    said = 'is a SimpleNamespace of orientation, position; expected a quaternion of w, x, y, z'
+    with pytest.raises(MissingFieldError, match=said):
+        yaw.read(Message(pose=Message(pose=Message(orientation=pose))))
 
 
 @pytest.mark.parametrize('name', ['step', 'succeeded', 'aborted', 'canceled', 'before', 'min'])

@@ -143,6 +143,8 @@ def test_huge_units_do_not_change_the_selection_and_overflowing_returns_are_refu
     [
         ({'num_features': 5}, 'num_features is 5; expected 1 to 4'),
         ({'num_features': 0}, 'num_features is 0; expected 1 to 4'),
+        ({'num_features': 'a'}, "num_features is 'a'; expected 1 to 4"),
+        ({'n_jobs': 'a'}, "n_jobs is 'a'; expected a number"),
         ({'gamma': 0.0}, 'gamma is 0.0; expected 0 < gamma <= 1'),
         ({'criterion': 'mi'}, "criterion is 'mi'; expected one of held_out, plug_in"),
         ({'direction': 'up'}, "direction is 'up'; expected one of forward, backward"),
