@@ -7,9 +7,10 @@ from __future__ import annotations
 
 from array import array
 from collections.abc import Callable, Collection, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 from cmifs_ros.core import Episode
 
@@ -22,11 +23,19 @@ from .transitions import EpisodeAssembler
 #: As the selector's parameter max_episode_steps.
 MAX_EPISODE_STEPS = 1000
 CLOCK = '/clock'
+#: rclpy's serialize_message may leave so many bytes at the end, which the middleware ignores.
+_MAX_SURPLUS = 16
 _MEND = 'one that was cut off is mended by `mcap recover` (MCAP) or `ros2 bag reindex`'
 
 
 class BagError(Exception):
     """A bag cannot be used; the message says why."""
+
+
+class Undecoded(NamedTuple):
+    """Stands for a message that was not decoded; `cause` is None if it was not wanted."""
+
+    cause: str | None
 
 
 @dataclass(frozen=True)
@@ -60,14 +69,15 @@ class BagEpisodes:
     dropped: dict[str, int]
 
 
-def _all(messages: Iterable, total: int) -> Iterable:
+def unwatched(messages: Iterable, total: int) -> Iterable:
+    """Pass messages on."""
     return messages
 
 
 def episodes_of_bag(
     path: str | Path,
     robot: RobotFile | None = None,
-    watch: Callable[[Iterable, int], Iterable] = _all,
+    watch: Callable[[Iterable, int], Iterable] = unwatched,
 ) -> BagEpisodes:
     """Return a bag's whole episodes, and how much was dropped.
 
@@ -100,11 +110,14 @@ def episodes_of_bag(
         total = sum(c.msgcount for c in reader.connections if c.topic in read)
         count, now = 0, 0
         for topic, message, recorded in watch(messages_of(reader, path, read), total):
-            if has_clock and topic == CLOCK:
+            if has_clock and topic == CLOCK and not isinstance(message, Undecoded):
                 now = message.clock.sec * SECOND + message.clock.nanosec
             if topic in topics:
-                collector.add(topic, message, now if has_clock else recorded)
                 count += 1
+                if isinstance(message, Undecoded):
+                    collector.note_wrong(topic, message.cause)
+                else:
+                    collector.add(topic, message, now if has_clock else recorded)
     names, num_between, dropped = collector.finish()
     counters = ('messages', assembler.dropped_messages), ('episodes', assembler.dropped_episodes)
     for what, counts in counters:
@@ -141,14 +154,37 @@ def open_bag(path: str | Path) -> Iterator:
         reader.close()
 
 
-def messages_of(reader, path: str | Path, topics: Collection[str]) -> Iterator[tuple]:
-    """Yield topic, message and time of record of an open bag's messages, in order of time."""
-    wanted = [c for c in reader.connections if c.topic in topics]
+def messages_of(
+    reader,
+    path: str | Path,
+    topics: Collection[str],
+    is_wanted: Callable[[str, bytes], bool] = lambda topic, data: True,
+) -> Iterator[tuple]:
+    """Yield topic, message and time of record of an open bag's messages, in order of time.
+
+    `Undecoded` stands for a message that cannot be decoded, or is not wanted by its topic and
+    bytes.
+    """
+    connections = [c for c in reader.connections if c.topic in topics]
     try:
-        for connection, recorded, data in reader.messages(wanted):
-            yield connection.topic, reader.deserialize(data, connection.msgtype), recorded
+        for connection, recorded, data in reader.messages(connections):
+            message: object = Undecoded(None)
+            if is_wanted(connection.topic, data):
+                message = _decoded(reader, data, connection.msgtype)
+            yield connection.topic, message, recorded
     except Exception as error:  # What is raised where this is used does not pass here.
         raise BagError(f'{path} breaks off: {_shown(error)}; {_MEND}') from error
+
+
+def _decoded(reader, data: bytes, kind: str) -> object:
+    try:
+        return reader.deserialize(data, kind)
+    except Exception as error:  # Foreign bytes break its decoders in many ways.
+        cause = f'{kind} cannot be decoded: {_shown(error)}'
+    for surplus in range(4, _MAX_SURPLUS + 1, 4):  # Up to 3 more are ignored.
+        with suppress(Exception):
+            return reader.deserialize(data[:-surplus], kind)
+    return Undecoded(cause)
 
 
 def _shown(error: Exception) -> str:
@@ -174,6 +210,9 @@ class _Sampled:
 
     def add(self, topic: str, message, recorded: int) -> None:
         self._collect(self._sampler.add(topic, message, recorded))
+
+    def note_wrong(self, topic: str, what: str) -> None:
+        self._sampler.note_wrong(topic, what)
 
     def _collect(self, steps) -> None:
         for step in steps:
@@ -211,18 +250,20 @@ class _StatesAndRewards:
         return f'{spaces[0]}/state', f'{spaces[0]}/reward'
 
     def add(self, topic: str, message, recorded: int) -> None:
-        is_state = topic.endswith('/state')
         try:
             stamp = event_time(message) or recorded
             names, values = list(message.name), array('d', message.position)
-            if is_state:
+            if topic.endswith('/state'):
                 self.episodes += self._assembler.add_state(stamp, names, values)
             else:
                 sample = self._reader.read(names, values)
                 self.episodes += self._assembler.add_reward(stamp, sample)
         except (AttributeError, TypeError, ValueError) as error:
-            cause = 'unusable_state' if is_state else 'malformed_reward'
-            self._assembler.drop_message(cause, f'{topic}: {error}')
+            self.note_wrong(topic, str(error))
+
+    def note_wrong(self, topic: str, what: str) -> None:
+        cause = 'unusable_state' if topic.endswith('/state') else 'malformed_reward'
+        self._assembler.drop_message(cause, f'{topic}: {what}')
 
     def finish(self) -> tuple[tuple[str, ...], int, dict[str, int]]:
         return self._assembler.channel_names or (), 0, {}

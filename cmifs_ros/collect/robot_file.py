@@ -24,6 +24,13 @@ OWN_VALUES = frozenset({'step', 'succeeded', 'aborted', 'canceled'})
 _TAKEN = OWN_VALUES | set(FUNCTIONS) | {'before'}
 STATUS = '/_action/status'
 _EXPECTED = 'expected a robot file; make_robot_file writes a first one'
+#: What a file must have, with an example.
+_NEEDED = {
+    'step': 'when a step is, such as step: {rate: 10.0}',
+    'channels': 'the sensors, each as name: /topic.field',
+    'reward': 'what pays, such as reward: "before(distance) - distance"; make_robot_file leaves '
+    'that to you, as a TODO',
+}
 _TYPE = re.compile(r'[a-z][a-z0-9_]*/msg/[A-Za-z][A-Za-z0-9]*')
 
 
@@ -321,9 +328,10 @@ class _Reader:
     def robot(self, root) -> RobotFile | None:
         """Read everything; None if a mistake leaves no robot."""
         top = self._mapping(root, 'the file', ('step', 'channels', 'values', 'reward', 'episode'))
-        for key in ('step', 'channels', 'reward'):
+        for key, example in _NEEDED.items():
             if key not in top and root is not None:
-                self._note(root, f'the file has no {key!r}')
+                line = max(root.end_mark.line, 1)
+                self.mistakes.append((line, f'the file has no {key!r}; add {example}'))
         clock, rate = self._clock(top['step']) if 'step' in top else (None, None)
         sources, keys = self._sources(top)
         found = tuple(source for source in sources if source is not None)
@@ -358,5 +366,5 @@ class _Reader:
 
 def _shown(node) -> str:
     if isinstance(node, yaml.ScalarNode):
-        return repr(node.value[:60])
+        return repr(node.value[:60]) if node.value else 'empty'
     return {yaml.MappingNode: 'a mapping', yaml.SequenceNode: 'a list'}.get(type(node), 'nothing')

@@ -1,4 +1,4 @@
-"""What the running graph publishes: the types of its topics, their first messages, their rates."""
+"""What the running graph publishes: the types of its topics, what they say, and how often."""
 
 from __future__ import annotations
 
@@ -70,15 +70,13 @@ def survey(seconds: float) -> tuple[list[Heard], list[str]]:
 class _Listener:
     def __init__(self, node: Node):
         self._node = node
-        self._kinds: dict[str, str] = {}
-        self._first: dict[str, object] = {}
-        self._counts: dict[str, int] = {}
+        self._heard: dict[str, Heard] = {}
         self.unknown: dict[str, str] = {}
 
     def look(self) -> None:
         """Subscribe to the topics that have come since the last look."""
         for topic, kinds in self._node.get_topic_names_and_types():
-            if topic in self._kinds or topic in self.unknown:
+            if topic in self._heard or topic in self.unknown:
                 continue
             if not self._node.count_publishers(topic):
                 continue
@@ -87,19 +85,15 @@ class _Listener:
             except (ValueError, ImportError, AttributeError):
                 self.unknown[topic] = f'{topic}: its type {kinds[0]} is not installed here'
                 continue
-            self._kinds[topic] = kinds[0]
-            self._counts[topic] = 0
+            self._heard[topic] = Heard(topic, kinds[0], fields_of)
             if is_of_robot(topic):
                 FollowingSubscription(
                     self._node, message_type, topic, lambda m, topic=topic: self._hear(topic, m)
                 )
 
     def _hear(self, topic: str, message) -> None:
-        self._first.setdefault(topic, message)
-        self._counts[topic] += 1
+        self._heard[topic].count += 1
+        self._heard[topic].look(message)
 
     def heard(self) -> list[Heard]:
-        return [
-            Heard(topic, kind, self._first.get(topic), self._counts[topic])
-            for topic, kind in self._kinds.items()
-        ]
+        return list(self._heard.values())

@@ -34,7 +34,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 def _run(options: argparse.Namespace) -> None:
     try:
-        text = robot_file_of_bag(options.bag) if options.bag else _listen(options.seconds)
+        text = _read(options.bag) if options.bag else _listen(options.seconds)
         if options.out is None:
             print(text, end='')
             return
@@ -53,17 +53,26 @@ def _run(options: argparse.Namespace) -> None:
     )
 
 
+def _read(bag: str) -> str:
+    from tqdm import tqdm
+
+    def watch(messages, total):
+        return tqdm(messages, total=total, unit=' messages', disable=None, leave=False)
+
+    return robot_file_of_bag(bag, watch)
+
+
 def _listen(seconds: int) -> str:
-    from cmifs_ros.ros.graph_survey import fields_of, survey
+    from cmifs_ros.ros.graph_survey import survey
 
     print(f'listening for {seconds} s ...', file=sys.stderr, flush=True)
     heard, unknown = survey(seconds)
-    if not any(one.first is not None for one in heard):
+    if not any(one.count for one in heard):
         raise StudyError(
             f'no message was heard in {seconds} s; is the robot running, with the same '
             'ROS_DOMAIN_ID? --seconds listens longer, --bag reads a recording'
         )
-    text = robot_file_of_topics('the running robot', heard, seconds, fields_of)
+    text = robot_file_of_topics('the running robot', heard, seconds)
     return text + ''.join(f'# {line}\n' for line in unknown)
 
 

@@ -308,9 +308,15 @@ def test_a_robot_file_is_made_that_lacks_only_the_reward(tmp_path, capsys):
     write_bag(tmp_path / 'bag', 42)
     assert make_robot_file(['--bag', str(tmp_path / 'bag')]) == 0
     text = capsys.readouterr().out
-    with pytest.raises(ValueError, match=r"^line 5: the file has no 'reward'$"):
+    with pytest.raises(
+        ValueError, match=r"^line \d+: the file has no 'reward'; add what pays"
+    ) as e:
         parse_robot_file(text)
-    robot = parse_robot_file(f'{text}\nreward: "1"\n')
+    assert int(re.search(r'\d+', str(e.value))[0]) == text.count('\n')
+    made = parse_robot_file(f'{text}\nreward: "1"\n')
+    assert {source.path.topic for source in made.sources} == {'/pose', '/noise', '/pay'}
+    assert '"/pose.pose.position.z"  # never changed: 7\n' in text
+    robot = parse_robot_file(re.sub('(?m)^  # ', '  ', text) + '\nreward: "1"\n')
     assert {source.path.topic for source in robot.sources} == {
         '/pose', '/noise', '/pay', '/scan', '/arm'
     }  # fmt: skip
