@@ -16,6 +16,7 @@ from .expression import FUNCTIONS, Expression
 from .field_path import FieldPath, MissingFieldError, described, parse_field_path
 from .sensor_groups import groups_by_name
 from .state_reader import problem_of_names
+from .words import first
 
 MAX_SIZE = 10**6
 #: Values that the sampler itself gives to expressions.
@@ -32,6 +33,15 @@ _NEEDED = {
     'that to you, as a TODO',
 }
 _TYPE = re.compile(r'[a-z][a-z0-9_]*/msg/[A-Za-z][A-Za-z0-9]*')
+
+
+_WHOLE = re.compile(r'[+-]?\d{1,18}')
+#: As the last part of a channel's name, see `groups_by_name`.
+_WORD = re.compile(r'[A-Za-z_][^.\[\]]*')
+
+
+class UnlistedKindError(Exception):
+    """A message has a kind that `one_hot` does not list; the text says which."""
 
 
 class RobotFileError(ValueError):
@@ -52,6 +62,9 @@ class Source:
         In seconds; `inf` for what is latched.
     inf : str or None
         Field of the message that stands for infinite values.
+    one_hot : tuple of str
+        The kinds that its value may be, whole numbers or words; a channel for each is 1 where it
+        is the value, and else 0.
     is_channel : bool
         False: for reward and ends only.
 
@@ -62,23 +75,43 @@ class Source:
     is_yaw: bool = False
     max_age: float = 1.0
     inf: str | None = None
+    one_hot: tuple[str, ...] = ()
     is_channel: bool = True
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of its channels: `yaw.sin`, `scan[30]`, `arm.elbow`; its own if it has one."""
-        suffixes = ('.sin', '.cos') if self.is_yaw else self.path.suffixes
+        """Names of its channels: `yaw.sin`, `scan[30]`, `pallet.2`; its own if it has one."""
+        parts = ('sin', 'cos') if self.is_yaw else self.one_hot
+        suffixes = tuple(f'.{part}' for part in parts) or self.path.suffixes
         return tuple(self.name + suffix for suffix in suffixes)
 
     def read(self, message) -> list[float]:
-        """Return its values in a message, as many as `names`, or none; see `FieldPath.read`."""
+        """Return its values in a message, as many as `names`, or none; see `FieldPath.read`.
+
+        Raises
+        ------
+        MissingFieldError
+        UnlistedKindError
+
+        """
         if self.is_yaw:
             return [part for q in self.path.read(message) for part in self._yaw(q)]
+        if self.one_hot:
+            return [part for kind in self.path.read(message) for part in self._one_hot(kind)]
         values = self.path.numbers(message)
         if self.inf is not None:
             instead = FieldPath(self.path.topic, (self.inf,)).numbers(message)[0]
             values = [instead if value == math.inf else value for value in values]
         return values
+
+    def _one_hot(self, value) -> list[float]:
+        number = 0.5 if isinstance(value, str) else self.path.number(value)
+        kind = str(int(number) if number.is_integer() else value)
+        if kind not in self.one_hot:
+            raise UnlistedKindError(
+                f'{self.path} is {kind[:40]!r}; expected one of {first(self.one_hot)} (one_hot)'
+            )
+        return [float(kind == one) for one in self.one_hot]
 
     def _yaw(self, q) -> tuple[float, float]:
         if not all(hasattr(q, part) for part in 'wxyz'):
@@ -255,8 +288,8 @@ class _Reader:
             self._note(
                 node,
                 f'{what} uses {", ".join(sorted(rule.names - known))[:60]}; expected names of '
-                'channels or values that are single numbers (of an array, name the entry '
-                f'you mean as a value): {", ".join(sorted(known))[:300]}',
+                'channels or values that are single numbers (of an array or of kinds, name '
+                f'the number you mean as a value): {", ".join(sorted(known))[:300]}',
             )
         return rule
 
@@ -264,7 +297,7 @@ class _Reader:
         if isinstance(node, yaml.ScalarNode):
             path = self._path(node, name)
             return path and self._checked(Source(name, path, is_channel=is_channel), node)
-        parts = self._mapping(node, name, ('path', 'as', 'max_age', 'inf', 'type'))
+        parts = self._mapping(node, name, ('path', 'as', 'max_age', 'inf', 'one_hot', 'type'))
         if 'path' not in parts:
             self._note(node, f'{name} has no path')
             return None
@@ -284,8 +317,28 @@ class _Reader:
         if kind is not None and (path.is_list or path.names):
             self._note(node, f'{name} is a yaw of several values; expected one quaternion')
             return None
-        source = Source(name, path, kind is not None, max_age, inf and inf.value, is_channel)
+        kinds = self._kinds(parts['one_hot'], name) if 'one_hot' in parts else ()
+        if kinds and (len(path.suffixes) > 1 or kind or inf or not is_channel):
+            self._note(
+                node,
+                f'{name} has one_hot; expected a channel of a single value, without as and inf. '
+                'In reward and episode, compare the number: name == 2',
+            )
+            return None
+        source = Source(name, path, kind is not None, max_age, inf and inf.value, kinds, is_channel)
         return self._checked(source, node)
+
+    def _kinds(self, node, name: str) -> tuple[str, ...]:
+        items = node.value if isinstance(node, yaml.SequenceNode) else []
+        texts = [item.value if isinstance(item, yaml.ScalarNode) else '' for item in items]
+        kinds = tuple(str(int(text)) if _WHOLE.fullmatch(text) else text for text in texts)
+        if len(kinds) < 2 or not any(all(map(p.fullmatch, kinds)) for p in (_WHOLE, _WORD)):
+            shown = f'[{first(texts)}]' if items else _shown(node)
+            self._note(
+                node, f'{name}.one_hot is {shown}; expected whole numbers or words, two at least, '
+                'such as [0, 1, 2, 3]',
+            )  # fmt: skip
+        return kinds
 
     def _checked(self, source: Source, node) -> Source | None:
         if not source.path.fields:

@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 from .expression import Expression
 from .field_path import FieldPath, MissingFieldError
-from .robot_file import OWN_VALUES, STATUS, RobotFile, Source
+from .robot_file import OWN_VALUES, STATUS, RobotFile, Source, UnlistedKindError
 from .transitions import RewardSample
 from .words import counted, listed
 
@@ -294,6 +294,9 @@ class Sampler:
                 values = source.read(message)
                 if values:
                     content[source.name] = values
+            except UnlistedKindError as error:
+                content[source.name] = [math.nan]  # What it was before, it is no longer.
+                problem = str(error)
             except _UNREADABLE as error:
                 problem = str(error)
         for key in ('reward', *_ENDS):

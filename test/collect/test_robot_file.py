@@ -80,6 +80,37 @@ def test_the_yaw_of_what_is_no_quaternion_is_refused_in_words():
         yaw.read(Message(pose=Message(pose=Message(orientation=pose))))
 
 
+@pytest.mark.parametrize(
+    ('kinds', 'value', 'expected'),
+    [('[0, 2, -1]', 2, [0, 1, 0]), ('[0, 2, -1]', -1.0, [0, 0, 1]), ('[0, 1]', True, [0, 1]),
+     ('[0, 3]', b'\x03', [0, 1]), ('[idle, lifting it]', 'idle', [1, 0]), ('[0, 1]', '1', [0, 1])],
+)  # fmt: skip
+def test_a_number_or_a_word_that_is_one_of_kinds(kinds, value, expected):
+    text = WHOLE.replace('  x: /odom', f'  k: {{path: /k.data, one_hot: {kinds}}}\n  x: /odom')
+    robot = parse_robot_file(text)
+    assert robot.groups['k'] == robot.sources[0].names == robot.channel_names[: len(expected)]
+    assert robot.channel_names[0] == f'k.{kinds[1:].split(",")[0]}'
+    assert robot.sources[0].read(Message(data=value)) == expected
+
+
+@pytest.mark.parametrize(
+    ('source', 'said'),
+    [
+        ('path: /k.data, one_hot: [0]', r'k.one_hot is \[0\]; expected whole numbers or words'),
+        ('path: /k.data, one_hot: 3', "k.one_hot is '3'; expected whole numbers"),
+        ('path: /k.data, one_hot: [0.5, 1]', r'k.one_hot is \[0.5, 1\]; expected'),
+        ('path: /k.data, one_hot: [a, 1]', r'k.one_hot is \[a, 1\]; expected'),
+        ('path: /k.data, one_hot: [{}, 1]', 'k.one_hot is'),
+        ('path: /k.data, one_hot: [1, 1]', 'repeated names: k.1'),
+        ('path: /k.q, one_hot: [0, 1], as: yaw', 'k has one_hot; expected a channel of a single'),
+        ('path: "/k.data[0:3]", one_hot: [0, 1]', 'k has one_hot; expected a channel of a single'),
+    ],
+)
+def test_kinds_that_cannot_be_are_refused(source, said):
+    with pytest.raises(RobotFileError, match=f'^line [45]: .*{said}'):
+        parse_robot_file(WHOLE.replace('channels:\n', f'channels:\n  k: {{{source}}}\n'))
+
+
 @pytest.mark.parametrize('name', ['step', 'succeeded', 'aborted', 'canceled', 'before', 'min'])
 @pytest.mark.parametrize('section', ['channels', 'values'])
 def test_our_own_words_are_no_names(name, section):

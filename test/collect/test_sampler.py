@@ -244,6 +244,19 @@ def test_a_message_of_other_things_is_not_wrong_and_changes_nothing():
     assert sampler.wrong == {'/d': 1}  # It says 'hot'.
 
 
+def test_a_kind_that_is_not_listed_is_a_gap_and_told():
+    robot = parse_robot_file(
+        'step: {topic: /k}\nchannels: {k: {path: /k.data, one_hot: [0, 2]}}\nreward: "1"\n'
+    )
+    sampler, steps = Sampler(robot), []
+    for t, kind in enumerate([0, 2, 7, 2, 0]):
+        steps += sampler.add('/k', Message(data=kind), t * 100 * MS)
+    steps += sampler.flush()
+    assert [list(step.state) for step in steps] == [[1, 0], [0, 1], [0, 1]]
+    assert (sampler.missing, sampler.wrong) == ({'k': 1}, {'/k': 1})
+    assert sampler.last_wrong['/k'] == "/k.data is '7'; expected one of 0, 2 (one_hot)"
+
+
 def test_who_is_behind_with_receiving_calls_nothing_late():
     """What waits in a queue for 1.5 s keeps its stamp; what has none gets a later time."""
     sampler, steps = Sampler(parse_robot_file(FILE.replace('0.25', '9') % 'steps: 99')), []
