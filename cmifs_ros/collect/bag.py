@@ -6,7 +6,7 @@ rosbags is optional: `pip install 'rosbags>=0.11,<0.12'`.
 from __future__ import annotations
 
 from array import array
-from collections.abc import Callable, Collection, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -199,13 +199,17 @@ class _Sampled:
         self._names = list(robot.channel_names)
         self.episodes: list[Episode] = []
 
-    def topics_among(self, topics: Collection[str], path) -> Collection[str]:
+    def topics_among(self, topics: Mapping, path) -> Collection[str]:
         missing = set(self._robot.topics) - set(topics)
         if missing:
             raise BagError(
                 f'{path} lacks {", ".join(sorted(missing))} of the robot file; it has '
                 f'{", ".join(sorted(topics))[:1000] or "no topics"}'
             )
+        for topic in self._robot.topics:
+            kinds = {connection.msgtype for connection in topics[topic].connections}
+            if problem := self._robot.type_problem(topic, kinds):
+                raise BagError(f'{path}: {problem}')
         return self._robot.topics
 
     def add(self, topic: str, message, recorded: int) -> None:
@@ -239,7 +243,7 @@ class _StatesAndRewards:
         self._assembler, self._reader = assembler, RewardReader()
         self.episodes: list[Episode] = []
 
-    def topics_among(self, topics: Collection[str], path) -> Collection[str]:
+    def topics_among(self, topics: Mapping, path) -> Collection[str]:
         spaces = [t.removesuffix('/state') for t in topics if t.endswith('/state')]
         spaces = [space for space in spaces if f'{space}/reward' in topics]
         if len(spaces) != 1:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -176,6 +177,16 @@ class RobotFile:
         own += [self.action + STATUS] if self.action else []
         return tuple(dict.fromkeys(own + [path.topic for path in paths]))
 
+    def type_problem(self, topic: str, kinds: Collection[str]) -> str:
+        """Return what is wrong, or nothing, with a topic that has these types."""
+        said = (self.types or {}).get(topic)
+        if said is None or said in kinds:
+            return ''
+        return (
+            f'{topic} is of type {", ".join(sorted(kinds))}, not {said} as the robot file says: '
+            'correct or leave out that type'
+        )
+
 
 def load_robot_file(path: str | Path) -> RobotFile:
     """Read a robot file.
@@ -266,10 +277,10 @@ class _Reader:
             return None
 
     def _type(self, node, what: str, topic: str) -> None:
-        if isinstance(node, yaml.ScalarNode) and _TYPE.fullmatch(node.value):
-            self._types[topic] = node.value
-        else:
+        if not (isinstance(node, yaml.ScalarNode) and _TYPE.fullmatch(node.value)):
             self._note(node, f'{what} is {_shown(node)}; expected e.g. nav_msgs/msg/Odometry')
+        elif self._types.setdefault(topic, node.value) != node.value:
+            self._note(node, f'{what} is {_shown(node)}; expected {self._types[topic]} as above')
 
     def _rule(self, node, what: str, known: set[str]) -> Expression | FieldPath | None:
         if node is None:

@@ -134,7 +134,12 @@ class SamplerNode(Node):
         problems = dict(self._problems)
         for topic, subscription in self._subscriptions_by_topic.items():
             if subscription.clashes and not subscription.publishers:
-                problems[topic] = f'it is published as {listed(sorted(subscription.clashes))} now'
+                kinds = sorted(subscription.clashes)
+                problem = self._robot.type_problem(topic, kinds)
+                problems[topic] = problem or f'it is published as {listed(kinds)} now'
+                if problem and topic not in self._refused:
+                    self._refused.add(topic)
+                    self.get_logger().error(problem)
         self._diagnostics_publisher.publish(
             diagnostics.diagnostic_array(
                 self.get_clock().now().to_msg(), *self._status.statuses(problems)

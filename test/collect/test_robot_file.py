@@ -129,6 +129,11 @@ def test_types_are_taken_from_wherever_they_are_named():
         'as: yaw}', 'as: yaw, type: nav_msgs/msg/Odometry}'
     )
     assert parse_robot_file(text).types == {'/odom': 'nav_msgs/msg/Odometry'}
+    text = text.replace('yaw, type: nav_msgs/msg/Odometry', 'yaw, type: nav_msgs/msg/Path')
+    with pytest.raises(
+        RobotFileError, match=r'line 5: .*; expected nav_msgs/msg/Odometry as above'
+    ):
+        parse_robot_file(text)
 
 
 @pytest.mark.parametrize('kind', ['Odometry', '[a]', 'os/path/join', '{}', 'a/srv/B', '../msg/B'])

@@ -143,11 +143,13 @@ def test_it_says_which_channel_breaks_episodes_and_goes_on(start, robot, robot_f
 def test_messages_of_another_type_than_the_file_means_do_not_end_it(start, robot, tmp_path):
     path = tmp_path / 'robot.yaml'
     path.write_text(
-        'step: {topic: /text}\nchannels: {a: /text.data}\nreward: "1 / a"\nepisode: {action: /go}\n'
+        'step: {topic: /text}\nreward: "1 / a"\nepisode: {action: /go}\n'
+        'channels: {a: /text.data, b: {path: /b.data, type: std_msgs/msg/Float64}}\n'
     )
     sampler = start('sampler_node', robot_file=path)
     text = robot.node.create_publisher(String, '/text', 10)
     status = robot.node.create_publisher(Float32, '/go/_action/status', 10)
+    robot.node.create_publisher(Float32, '/b', 10)
     robot.until(lambda: text.get_subscription_count() and status.get_subscription_count())
     # Again and again: that one side knows the other does not mean that it is known there.
     robot.node.create_timer(0.1, lambda: text.publish(String(data='hello')))
@@ -158,8 +160,11 @@ def test_messages_of_another_type_than_the_file_means_do_not_end_it(start, robot
             for topic in ('/text', '/go/_action/status')
         )
     )
-    said = "could not convert string to float: 'hello'"
+    said = "/text.data is the text 'hello'; expected a number"
     robot.until(lambda: said in robot.diagnostics['sampler: /text'][1])
+    said = '/b is of type std_msgs/msg/Float32, not std_msgs/msg/Float64 as the robot file says'
+    robot.until(lambda: said in robot.diagnostics['sampler: /b'][1])
+    assert said in sampler.output
     assert sampler.process.poll() is None
 
 

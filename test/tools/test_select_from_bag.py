@@ -230,6 +230,15 @@ def test_a_topic_that_the_bag_lacks_is_an_error(tmp_path, capsys):
     assert 'lacks /battery of the robot file; it has /arm, /noise' in capsys.readouterr().err
 
 
+def test_a_type_that_the_bag_does_not_have_is_an_error(tmp_path, capsys):
+    write_bag(tmp_path / 'bag', 42)
+    file = tmp_path / 'robot.yaml'
+    file.write_text(ROBOT.replace('/noise.data}', '/noise.data, type: std_msgs/msg/Float32}'))
+    assert main([str(tmp_path / 'bag'), '--robot', str(file)]) == 1
+    said = '/noise is of type std_msgs/msg/Float64, not std_msgs/msg/Float32 as the robot file says'
+    assert said in capsys.readouterr().err
+
+
 def test_a_field_that_a_message_lacks_is_named(tmp_path):
     write_bag(tmp_path / 'bag', 12)
     fields = '{path: /noise.level}\n  wind: {path: /noise.wind}'
