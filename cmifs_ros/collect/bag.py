@@ -168,9 +168,8 @@ def messages_of(
     connections = [c for c in reader.connections if c.topic in topics]
     try:
         for connection, recorded, data in reader.messages(connections):
-            message: object = Undecoded(None)
-            if is_wanted(connection.topic, data):
-                message = _decoded(reader, data, connection.msgtype)
+            is_read = is_wanted(connection.topic, data)
+            message = _decoded(reader, data, connection.msgtype) if is_read else Undecoded(None)
             yield connection.topic, message, recorded
     except Exception as error:  # What is raised where this is used does not pass here.
         raise BagError(f'{path} breaks off: {_shown(error)}; {_MEND}') from error

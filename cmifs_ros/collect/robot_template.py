@@ -126,7 +126,7 @@ class Heard:
     def __init__(self, topic: str, kind: str, fields_of: Callable, count: int = 0):
         self.topic, self.kind, self.count = topic, kind, count
         self.num_unseen = 0
-        self.problem = 'has no messages'
+        self.problem = ' has no messages'
         self.fields: list[_Field] | None = None
         self._open: list[_Field] = []
         self._fields_of = fields_of
@@ -194,7 +194,7 @@ def robot_file_of_bag(
             if not isinstance(message, Undecoded):
                 heard[topic].look(message)
             elif message.cause:
-                heard[topic].problem = message.cause
+                heard[topic].problem = f': {message.cause}'
         return robot_file_of_topics(Path(path).name, heard.values(), reader.duration / 1e9)
 
 
@@ -258,7 +258,7 @@ def robot_file_of_topics(
         if not is_of_robot(one.topic):
             continue
         if one.fields is None:
-            without.append(f'{one.topic} {one.problem}')
+            without.append(f'{one.topic}{one.problem}')
         elif not one.fields:
             without.append(f'{one.topic} ({one.kind}) has no numeric field')
         else:

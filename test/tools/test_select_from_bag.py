@@ -1,3 +1,4 @@
+import itertools
 import json
 import os
 import re
@@ -249,6 +250,51 @@ def test_a_field_that_a_message_lacks_is_named(tmp_path):
     assert bag.dropped[cause] == 12
     assert cause.startswith('wrong messages of /noise, such as: ')
     assert "no field 'wind'" in cause
+
+
+def changed(path, change):
+    """Write a bag anew with other bytes, by topic and bytes, and return its path."""
+    from rosbags.rosbag2 import StoragePlugin, Writer
+
+    again = path.with_name('changed')
+    with open_bag(path) as reader, Writer(
+        again, version=9, storage_plugin=StoragePlugin.MCAP
+    ) as writer:  # fmt: skip
+        topics = {
+            c.topic: writer.add_connection(c.topic, c.msgtype, typestore=reader.typestore)
+            for c in reader.connections
+        }
+        for connection, time, data in reader.messages():
+            writer.write(topics[connection.topic], time, change(connection.topic, bytes(data)))
+    return again
+
+
+def test_bytes_left_at_the_end_of_messages_change_nothing(tmp_path):
+    """So rclpy's serialize_message leaves a JointState without velocities."""
+    expected = episodes_of(*write_bag(tmp_path / 'bag', 42))
+    path = changed(tmp_path / 'bag', lambda topic, data: data + b'abcdefgh')
+    bag = episodes_of_bag(path, parse_robot_file(ROBOT))
+    assert not any('wrong' in cause for cause in bag.dropped)
+    for episode, (states, _) in zip(bag.episodes, expected, strict=True):
+        np.testing.assert_array_equal(episode.states, states)
+
+
+def test_messages_that_cannot_be_decoded_are_counted_and_the_rest_is_read(tmp_path, capsys):
+    write_bag(tmp_path / 'bag', 42)
+    noises = itertools.count()
+
+    def change(topic, data):
+        is_torn = topic == '/said' or (topic == '/noise' and next(noises) == 20)
+        return data[:6] if is_torn else data
+
+    path = changed(tmp_path / 'bag', change)
+    bag = episodes_of_bag(path, parse_robot_file(ROBOT))
+    ((cause, count),) = ((cause, n) for cause, n in bag.dropped.items() if 'wrong' in cause)
+    said = 'wrong messages of /noise, such as: std_msgs/msg/Float64 cannot be decoded: '
+    assert (cause.startswith(said), count, 'recover' in cause) == (True, 1, False)
+    assert len(bag.episodes) == 7  # What it said before is not too old.
+    assert make_robot_file(['--bag', str(path)]) == 0
+    assert '# /said: std_msgs/msg/String cannot be decoded: ' in capsys.readouterr().out
 
 
 def test_what_one_topic_lacks_is_told_once_and_causes_come_before_what_follows(tmp_path, capsys):
