@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import argparse
+import shutil
 import sys
 
 from cmifs_ros.collect.bag import BagError
@@ -45,12 +46,15 @@ def _run(options: argparse.Namespace) -> None:
         raise StudyError(f'{options.out} exists; expected the name of a new file') from None
     except (BagError, OSError) as error:
         raise StudyError(str(error)) from error
-    select = f'select_from_bag {options.bag} --robot {options.out}'
-    launch = f'ros2 launch cmifs_ros robot.launch.xml robot_file:={options.out}'
-    print(
-        f'written: {options.out}; decide what is marked TODO in it, then: '
-        f'{select if options.bag else launch}'
-    )
+    has_ros2 = shutil.which('ros2')  # The nodes run without it too.
+    run = 'ros2 run cmifs_ros ' if has_ros2 else 'install/cmifs_ros/lib/cmifs_ros/'
+    if options.bag:
+        then = f'{run}select_from_bag {options.bag} --robot {options.out}'
+    elif has_ros2:
+        then = f'ros2 launch cmifs_ros robot.launch.xml robot_file:={options.out}'
+    else:
+        then = f'{run}sampler_node --ros-args -p robot_file:={options.out}, and {run}selector_node'
+    print(f'written: {options.out}; decide what is marked TODO in it, then: {then}')
 
 
 def _read(bag: str) -> str:
