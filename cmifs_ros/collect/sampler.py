@@ -310,7 +310,7 @@ class Sampler:
             try:
                 content['goals',] = [
                     (bytes(map(int, entry.goal_info.goal_id.uuid)), int(entry.status))
-                    for entry in message.status_list
+                    for entry in FieldPath(topic, ('status_list',)).read(message)[0]
                 ]
             except _UNREADABLE as error:
                 problem = str(error)
