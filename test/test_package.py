@@ -33,6 +33,7 @@ OPTIONAL = {
     'gymnasium': ('tasks', 'gymnasium'),
     'rosbags': ('bags', 'rosbags'),
     'sklearn': ('peers', 'scikit-learn'),
+    'threadpoolctl': ('threads', 'threadpoolctl'),
 }
 
 
@@ -61,7 +62,7 @@ def test_optional_imports_are_extras_and_stand_inside_functions():
 
 def test_core_sim_and_collect_know_no_ros():
     allowed = {
-        'core': {'numpy', 'scipy', 'numba'},
+        'core': {'numpy', 'scipy', 'numba', 'threadpoolctl'},
         'sim': {'numpy'},
         'collect': {'numpy', 'yaml', 'rosbags', 'gymnasium'},
     }

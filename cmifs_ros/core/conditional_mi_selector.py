@@ -91,8 +91,9 @@ class ConditionalMISelector(SensorSelector):
     Notes
     -----
     What is confirmed tells something about the return of the policy that collected the episodes.
-    What tells nothing under that policy may matter under another. Where the return drifts from
-    episode to episode, every sensor is judged given the episode's age.
+    What tells nothing under that policy may matter under another. Episodes
+    are taken to stand in the order in which they came: where the return drifts, what earlier ones
+    foretell is no evidence.
 
     Hachiya & Sugiyama, Feature Selection for Reinforcement Learning: Evaluating Implicit
     State-Reward Dependency via Conditional Mutual Information, 2010.

@@ -118,10 +118,8 @@ class ConditionalTest:
             (self._differences(left, share), self._differences(errors, share))
             for share in _SHARES_OF_NEXT
         ]
-        drifts = False
-        if self._may_drift:
-            memories = self._in_order.memories(np.column_stack([e for _, e in remainders]))
-            drifts = any(map(any, memories))
+        memories = self._in_order.memories(np.column_stack([e for _, e in remainders]))
+        drifts = self._may_drift and any(map(any, memories))
         if drifts:
             both = np.column_stack([values for pair in remainders for values in pair])
             free = self._in_order.freed(both, memories).T
