@@ -38,6 +38,7 @@ _EXECUTING = (1, 2, 3)
 #: Why a step lacks a value.
 _NEVER, _OLD = 'no message', 'silent'
 _NAN, _INFINITE, _NO_VALUE = 'it is NaN', 'it is infinite', 'it has no value'
+_UNLISTED = 'it is of a kind that its one_hot does not list'
 _ENDED = {4: 'succeeded', 5: 'canceled', 6: 'aborted'}
 
 
@@ -434,6 +435,8 @@ class Sampler:
                 why = _NEVER
             elif time - since > source.max_age * SECOND:
                 why = _OLD
+            elif source.one_hot and math.isnan(held[0]):
+                why = _UNLISTED
             elif not all(map(math.isfinite, held)):
                 why = _NAN if any(map(math.isnan, held)) else _INFINITE
             if why is not None:

@@ -253,7 +253,10 @@ def test_a_kind_that_is_not_listed_is_a_gap_and_told():
         steps += sampler.add('/k', Message(data=kind), t * 100 * MS)
     steps += sampler.flush()
     assert [list(step.state) for step in steps] == [[1, 0], [0, 1], [0, 1]]
-    assert (sampler.missing, sampler.wrong) == ({'k': 1}, {'/k': 1})
+    assert sampler.lacking(sampler.missing) == {
+        'k: it is of a kind that its one_hot does not list': 1
+    }
+    assert sampler.wrong == {'/k': 1}
     assert sampler.last_wrong['/k'] == "/k.data is '7'; expected one of 0, 2 (one_hot)"
 
 
