@@ -6,8 +6,8 @@ independent that is evidence. Therefore what is left of the return is first free
 of what the past foretells (prewhitening: Cochrane & Orcutt, Application of least squares regression
 to relationships containing auto-correlated error terms, 1949; the first episode after Prais &
 Winsten, Trend estimators and serial correlation, 1954). How much of these there is, the data say
-(Akaike's criterion, corrected for small samples: Hurvich & Tsai, Regression and time series model
-selection in small samples, 1989); where episodes are independent it is mostly nothing.
+(Akaike's criterion for small samples, but stricter: Hurvich & Tsai, Regression and time series
+model selection in small samples, 1989); where episodes are independent it is mostly nothing.
 """
 
 from __future__ import annotations
@@ -26,6 +26,8 @@ _WAVES = (0, 1, 2, 4, 8)
 _MEMORIES = (0, 1, 3, 9)
 #: Where there is drift, a sensor is looked at without as many of its slowest waves.
 _WAVES_OF_SENSOR = 2
+#: Cost of a wave or a share; by Akaike's, 2, too much is taken off what does not drift.
+_PENALTY = 3.0
 _TINY = 1e-100
 
 
@@ -106,7 +108,7 @@ def memory_of(parts: np.ndarray, weights: np.ndarray, waves_tried=(0,)) -> Memor
             share = float(np.clip(share, 0, 1))
             squares = np.maximum(weights @ (left - share * past) ** 2, _TINY)
             count = waves + 2 * bool(episodes)
-            cost = np.mean(np.log(squares)) + 2 * count / max(len(parts) - count - 1, 1)
+            cost = np.mean(np.log(squares)) + _PENALTY * count / max(len(parts) - count - 1, 1)
             if cost < least:
                 best, least = Memory(waves, episodes, share), cost
     return best

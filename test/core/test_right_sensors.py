@@ -48,12 +48,14 @@ def test_what_is_selected_is_what_is_relevant(world):
     assert sum(right) >= 4, found
 
 
-@pytest.mark.parametrize('seed', [0, 1])
-def test_an_ordinary_robot_is_understood_from_60_episodes(seed):
-    selector = fitted('point_robot', 60, seed)
-    relevant = {'x', 'y', 'battery'}
-    assert set(ranked(selector)[:3]) == relevant
-    assert relevant <= set(selected(selector)) <= relevant | {'vx', 'vy'}
+def test_an_ordinary_robot_is_understood_from_60_episodes():
+    relevant, right = {'x', 'y', 'battery'}, []
+    for seed in range(5):
+        selector = fitted('point_robot', 60, seed)
+        confirmed = set(selected(selector))
+        right.append(set(ranked(selector)[:3]) == relevant <= confirmed)
+        assert confirmed <= relevant | {'vx', 'vy'}
+    assert sum(right) >= 4
 
 
 def test_copies_come_after_what_tells_a_little():
