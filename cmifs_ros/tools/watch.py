@@ -12,6 +12,7 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.exceptions import InvalidNamespaceException
 from rclpy.executors import ExternalShutdownException
+from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.signals import SignalHandlerOptions
 from rclpy.validate_namespace import validate_namespace
@@ -83,7 +84,7 @@ class Watcher:
         self.snapshot.ranking, self.snapshot.scores = list(msg.name), list(msg.position)
 
 
-def run(namespace: str, console: Console) -> int:
+def run(node: Node, console: Console) -> int:
     """Show the view until a signal comes; without a terminal, once. Return the exit code."""
     stopping = False
 
@@ -93,7 +94,6 @@ def run(namespace: str, console: Console) -> int:
 
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, stop)
-    node = rclpy.create_node(f'watch_{os.getpid()}', namespace=namespace)
     watcher = Watcher(node)
     if not console.is_terminal:
         begin = now = incomplete_at = time.monotonic()
@@ -130,7 +130,11 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         validate_namespace(namespace)
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-        return run(namespace, Console())
+        node = rclpy.create_node(f'watch_{os.getpid()}', namespace=namespace)
+        code = run(node, Console())
+        # Left to the end of the process, it takes seconds on a busy machine.
+        node.destroy_node()
+        return code
     except InvalidNamespaceException:
         print(
             f'watch: --namespace is {options.namespace!r}; expected a name as in /robot1',
