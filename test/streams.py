@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from hypothesis import strategies as st
 
-from cmifs_ros.collect.robot_file import parse_robot_file
+from cmifs_ros.collect.robot_file.reader import parse_robot_file
 
 STATUS = '/go/_action/status'
 STAMPED, HEADERLESS = ('/odom', '/scan', '/pay'), ('/radio', '/goal', STATUS)

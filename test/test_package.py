@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 
 import pytest
 
-from cmifs_ros.collect.robot_file import parse_robot_file
+from cmifs_ros.collect.robot_file.reader import parse_robot_file
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / 'README.md', *(ROOT / 'docs').glob('*.md')]
@@ -63,8 +63,8 @@ def test_optional_imports_are_extras_and_stand_inside_functions():
 def test_core_sim_and_collect_know_no_ros():
     allowed = {
         'core': {'numpy', 'scipy', 'numba', 'threadpoolctl'},
-        'sim': {'numpy'},
-        'collect': {'numpy', 'yaml', 'rosbags', 'gymnasium'},
+        'sim': {'numpy', 'gymnasium'},
+        'collect': {'numpy', 'yaml', 'rosbags'},
     }
     for folder, packages in allowed.items():
         for path in (ROOT / 'cmifs_ros' / folder).rglob('*.py'):

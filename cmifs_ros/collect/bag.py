@@ -12,13 +12,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
+from cmifs_ros.collect.episodes.drops import explained
+from cmifs_ros.collect.episodes.pairing import EpisodeAssembler
+from cmifs_ros.collect.episodes.reward_reader import RewardReader
+from cmifs_ros.collect.robot_file.reader import RobotFile
+from cmifs_ros.collect.sampling.sampler import SECOND, Sampler, event_time
 from cmifs_ros.core import Episode
-
-from .drops import explained
-from .reward_reader import RewardReader
-from .robot_file import RobotFile
-from .sampler import SECOND, Sampler, event_time
-from .transitions import EpisodeAssembler
 
 #: As the selector's parameter max_episode_steps.
 MAX_EPISODE_STEPS = 1000

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
+from cmifs_ros.core.channel_names import MAX_CHANNELS, MAX_NAME_LENGTH
 from cmifs_ros.core.selection import Selection
-
-from .state_reader import MAX_CHANNELS, MAX_NAME_LENGTH
 
 #: What a selection may say of each sensor beside its score, or leave out.
 EVIDENCE = ('statuses', 'pvalues', 'null_scores', 'spoke_by', 'stands_in_for', 'stability')

@@ -5,9 +5,9 @@ from __future__ import annotations
 import dataclasses
 
 from cmifs_ros.core.selection import Selection
+from cmifs_ros.core.words import counted, first, listed, short
 
 from .selection_fields import EVIDENCE
-from .words import counted, first, listed, short
 
 NOTHING_SELECTED = 'no evidence that any sensor tells about the return'
 

@@ -13,9 +13,9 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Header, Int32MultiArray, MultiArrayDimension
 from visualization_msgs.msg import Marker, MarkerArray
 
-from cmifs_ros.collect.state_reader import MAX_CHANNELS
-from cmifs_ros.collect.transitions import RewardSample
-from cmifs_ros.collect.words import counted
+from cmifs_ros.collect.episodes.pairing import RewardSample
+from cmifs_ros.core.channel_names import MAX_CHANNELS
+from cmifs_ros.core.words import counted
 
 NANOSECONDS = 1_000_000_000
 

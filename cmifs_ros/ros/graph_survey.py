@@ -9,7 +9,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rosidl_parser.definition import AbstractNestedType, BasicType, NamespacedType
 
-from cmifs_ros.collect.robot_template import BYTES, Heard, TypeField, is_of_robot
+from cmifs_ros.collect.robot_file.template import BYTES, Heard, TypeField, is_of_robot
 
 from . import conversions
 from .following_subscription import FollowingSubscription

@@ -15,9 +15,9 @@ from rosgraph_msgs.msg import Clock as ClockTime
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 
-from cmifs_ros.collect.robot_file import STATUS, load_robot_file
-from cmifs_ros.collect.sampler import Sampler, Step
-from cmifs_ros.collect.words import listed
+from cmifs_ros.collect.robot_file.reader import STATUS, load_robot_file
+from cmifs_ros.collect.sampling.sampler import Sampler, Step
+from cmifs_ros.core.words import listed
 
 from . import conversions, diagnostics
 from .following_subscription import FollowingSubscription

@@ -9,8 +9,8 @@ from collections.abc import Mapping
 
 from diagnostic_msgs.msg import DiagnosticStatus
 
-from cmifs_ros.collect.sampler import Sampler
-from cmifs_ros.collect.words import counted, listed
+from cmifs_ros.collect.sampling.sampler import Sampler
+from cmifs_ros.core.words import counted, listed
 
 from . import diagnostics
 

@@ -13,12 +13,12 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 
-from cmifs_ros.collect.episode_buffer import EpisodeBuffer
-from cmifs_ros.collect.input_watch import InputWatch, Topic
-from cmifs_ros.collect.reward_reader import RewardReader
-from cmifs_ros.collect.transitions import EpisodeAssembler, RewardSample
-from cmifs_ros.collect.words import counted
+from cmifs_ros.collect.episodes.buffer import EpisodeBuffer
+from cmifs_ros.collect.episodes.input_watch import InputWatch, Topic
+from cmifs_ros.collect.episodes.pairing import EpisodeAssembler, RewardSample
+from cmifs_ros.collect.episodes.reward_reader import RewardReader
 from cmifs_ros.core import Episode
+from cmifs_ros.core.words import counted
 
 from . import conversions, diagnostics
 from .following_subscription import FollowingSubscription

@@ -20,10 +20,11 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Header, Int32MultiArray
 from std_srvs.srv import Trigger
 
-from cmifs_ros.collect.drift import Drift
-from cmifs_ros.collect.episode_buffer import EpisodeBuffer
-from cmifs_ros.collect.episode_file import Saved
-from cmifs_ros.collect.reward_check import problem_of_rewards
+from cmifs_ros.collect.episodes.buffer import EpisodeBuffer
+from cmifs_ros.collect.episodes.drift import Drift
+from cmifs_ros.collect.episodes.file import Saved
+from cmifs_ros.collect.episodes.filter import StateFilter
+from cmifs_ros.collect.episodes.reward_check import problem_of_rewards
 from cmifs_ros.collect.selection_report import (
     change,
     evidence,
@@ -32,10 +33,9 @@ from cmifs_ros.collect.selection_report import (
     is_tentative,
     reply_of,
 )
-from cmifs_ros.collect.state_filter import StateFilter
-from cmifs_ros.collect.words import counted, listed
 from cmifs_ros.core import Episode
 from cmifs_ros.core.selection import Selection
+from cmifs_ros.core.words import counted, listed
 
 from . import conversions, diagnostics, selector_status
 from .deferred_service import answer_later

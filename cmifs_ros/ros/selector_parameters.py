@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from math import inf, isnan
 
 from cmifs_ros.collect.sensor_groups import groups_by_name
-from cmifs_ros.collect.words import listed
 from cmifs_ros.core import CRITERIA, DIRECTIONS
 from cmifs_ros.core.selection import METHODS
+from cmifs_ros.core.words import listed
 
 from .parameters import Spec
 

@@ -8,10 +8,10 @@ from math import inf
 
 from diagnostic_msgs.msg import DiagnosticStatus
 
+from cmifs_ros.collect.episodes.filter import StateFilter
 from cmifs_ros.collect.selection_report import headline, stand_ins
-from cmifs_ros.collect.state_filter import StateFilter
-from cmifs_ros.collect.words import counted, listed
 from cmifs_ros.core.selection import Selection
+from cmifs_ros.core.words import counted, listed
 
 from . import diagnostics
 from .selection_queue import SelectionQueue

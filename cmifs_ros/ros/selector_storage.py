@@ -7,11 +7,11 @@ import os
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.node import Node
 
-from cmifs_ros.collect import episode_file
-from cmifs_ros.collect.episode_file import Saved
-from cmifs_ros.collect.episode_saver import EpisodeSaver
-from cmifs_ros.collect.words import counted, listed
+from cmifs_ros.collect.episodes import file as episode_file
+from cmifs_ros.collect.episodes.file import Saved
+from cmifs_ros.collect.episodes.saver import EpisodeSaver
 from cmifs_ros.core import Episode
+from cmifs_ros.core.words import counted, listed
 
 from . import diagnostics
 

@@ -16,11 +16,11 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Header, Int32
 from visualization_msgs.msg import MarkerArray
 
-from cmifs_ros.collect.gymnasium_world import GymnasiumWorld, WorldError
-from cmifs_ros.collect.transitions import RewardSample
-from cmifs_ros.collect.words import counted
+from cmifs_ros.collect.episodes.pairing import RewardSample
+from cmifs_ros.core.words import counted
 from cmifs_ros.sim import SCENARIOS, GridWorld, sample_action
 from cmifs_ros.sim.grid_world import MOVES, WALLS
+from cmifs_ros.sim.gymnasium_world import GymnasiumWorld, WorldError
 
 from . import conversions
 from .parameters import Spec, declare

@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 
 from cmifs_ros.collect.selection_report import NOTHING_SELECTED
-from cmifs_ros.collect.words import counted
 from cmifs_ros.core import Episode
 from cmifs_ros.core.selection import Selection
+from cmifs_ros.core.words import counted
 
 from .ranking import (
     MAX_SHOWN,

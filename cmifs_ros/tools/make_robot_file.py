@@ -10,7 +10,7 @@ import shutil
 import sys
 
 from cmifs_ros.collect.bag import BagError
-from cmifs_ros.collect.robot_template import robot_file_of_bag, robot_file_of_topics
+from cmifs_ros.collect.robot_file.template import robot_file_of_bag, robot_file_of_topics
 
 from .arguments import file_to_write, number_from
 from .program import StudyError, exit_code

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cmifs_ros.collect.words import listed
 from cmifs_ros.core.selection import Selection
+from cmifs_ros.core.words import listed
 
 #: Sensors of the ranking, and channels beside the selected, that a picture can show legibly.
 MAX_SHOWN = 40

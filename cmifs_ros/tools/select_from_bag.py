@@ -10,13 +10,13 @@ import time
 from collections import Counter
 from pathlib import Path
 
-from cmifs_ros.collect import episode_file
 from cmifs_ros.collect.bag import BagEpisodes, BagError, episodes_of_bag
-from cmifs_ros.collect.episode_check import problems_of_episodes
-from cmifs_ros.collect.reward_check import problem_of_rewards
-from cmifs_ros.collect.robot_file import RobotFile, RobotFileError, load_robot_file
+from cmifs_ros.collect.episodes import file as episode_file
+from cmifs_ros.collect.episodes.episode_check import problems_of_episodes
+from cmifs_ros.collect.episodes.reward_check import problem_of_rewards
+from cmifs_ros.collect.robot_file.reader import RobotFile, RobotFileError, load_robot_file
 from cmifs_ros.collect.selection_report import reply_of
-from cmifs_ros.collect.words import counted
+from cmifs_ros.core.words import counted
 
 from .arguments import file_to_write, folder_to_write, number_from
 from .program import StudyError, exit_code

@@ -11,7 +11,7 @@ from rich.rule import Rule
 from rich.table import Table
 from rich.text import Text
 
-from cmifs_ros.collect.words import counted
+from cmifs_ros.core.words import counted
 
 #: By level of diagnostic_msgs/DiagnosticStatus: word and style. The word tells without colour.
 LEVELS = (('ok', 'green'), ('warn', 'yellow'), ('error', 'bold red'), ('stale', 'magenta'))

@@ -23,7 +23,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from std_srvs.srv import Trigger
 from tqdm import tqdm
 
-from cmifs_ros.collect import episode_file
+from cmifs_ros.collect.episodes import file as episode_file
 from cmifs_ros.core import Episode
 from cmifs_ros.ros.run_node import make_executor
 from cmifs_ros.tools import select_from_bag

@@ -17,7 +17,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Int32MultiArray
 from std_srvs.srv import Trigger
 
-from cmifs_ros.collect import episode_file
+from cmifs_ros.collect.episodes import file as episode_file
 from cmifs_ros.ros import conversions
 from cmifs_ros.ros.run_node import make_executor
 

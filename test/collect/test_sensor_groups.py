@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cmifs_ros.collect.robot_file import parse_robot_file
+from cmifs_ros.collect.robot_file.reader import parse_robot_file
 from cmifs_ros.collect.sensor_groups import groups_by_name
 
 

@@ -16,8 +16,8 @@ from builtin_interfaces.msg import Time
 from rclpy.serialization import serialize_message
 from rosbags.typesys import Stores, get_typestore
 
-from cmifs_ros.collect.robot_file import parse_robot_file
-from cmifs_ros.collect.sampler import SECOND, Sampler
+from cmifs_ros.collect.robot_file.reader import parse_robot_file
+from cmifs_ros.collect.sampling.sampler import SECOND, Sampler
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 HEADER = std.Header(stamp=Time(sec=7, nanosec=5), frame_id='base')

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from std_msgs.msg import Header
 
-from cmifs_ros.collect.reward_reader import RewardReader
-from cmifs_ros.collect.transitions import RewardSample
+from cmifs_ros.collect.episodes.pairing import RewardSample
+from cmifs_ros.collect.episodes.reward_reader import RewardReader
 from cmifs_ros.ros import conversions
 
 

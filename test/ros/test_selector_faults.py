@@ -13,7 +13,7 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 
-from cmifs_ros.collect.transitions import RewardSample
+from cmifs_ros.collect.episodes.pairing import RewardSample
 from cmifs_ros.core import Episode
 from cmifs_ros.ros import conversions
 from studies.soak.messages import random_reward, random_state

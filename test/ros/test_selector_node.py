@@ -13,7 +13,7 @@ from rcl_interfaces.srv import DescribeParameters, ListParameters
 from sensor_msgs.msg import JointState
 from slow_episodes import SLOW_NAMES, slow_episodes
 
-from cmifs_ros.collect.transitions import RewardSample
+from cmifs_ros.collect.episodes.pairing import RewardSample
 from cmifs_ros.core import ConditionalMISelector, Episode, KDRSelector
 from cmifs_ros.ros import selector_parameters, simulator_node
 from cmifs_ros.ros.diagnostics import OK, WARN

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from sensor_msgs.msg import JointState
 
-from cmifs_ros.collect import episode_file
-from cmifs_ros.collect.episode_file import Saved
-from cmifs_ros.collect.transitions import RewardSample
+from cmifs_ros.collect.episodes import file as episode_file
+from cmifs_ros.collect.episodes.file import Saved
+from cmifs_ros.collect.episodes.pairing import RewardSample
 from cmifs_ros.core import Episode
 from cmifs_ros.ros import conversions
 

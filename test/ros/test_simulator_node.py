@@ -14,12 +14,12 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Int32
 from visualization_msgs.msg import MarkerArray
 
-from cmifs_ros.collect.gymnasium_episodes import collect_episodes
-from cmifs_ros.collect.reward_reader import RewardReader
-from cmifs_ros.collect.transitions import EpisodeAssembler
+from cmifs_ros.collect.episodes.pairing import EpisodeAssembler
+from cmifs_ros.collect.episodes.reward_reader import RewardReader
 from cmifs_ros.ros import conversions
 from cmifs_ros.sim import channel_names, rollout
 from cmifs_ros.sim.grid_world import WALLS
+from cmifs_ros.sim.gymnasium_episodes import collect_episodes
 
 QOS = QoSProfile(depth=1000)
 

@@ -13,9 +13,9 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from streams import ROBOTS, STATUS, arrivals, as_message, streams
 
 from cmifs_ros.collect.bag import episodes_of_bag
-from cmifs_ros.collect.robot_file import parse_robot_file
-from cmifs_ros.collect.sampler import Sampler
-from cmifs_ros.collect.transitions import EpisodeAssembler
+from cmifs_ros.collect.episodes.pairing import EpisodeAssembler
+from cmifs_ros.collect.robot_file.reader import parse_robot_file
+from cmifs_ros.collect.sampling.sampler import Sampler
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 for kind, field in (('Value', 'float64 data'), ('Rays', 'float64[] data')):

@@ -13,9 +13,9 @@ import pytest
 pytest.importorskip('rosbags', reason='rosbags is not here')
 from bags import ROBOT, episodes_of, write_bag, write_states_and_rewards
 
-from cmifs_ros.collect import episode_file
 from cmifs_ros.collect.bag import BagError, episodes_of_bag, open_bag
-from cmifs_ros.collect.robot_file import parse_robot_file
+from cmifs_ros.collect.episodes import file as episode_file
+from cmifs_ros.collect.robot_file.reader import parse_robot_file
 from cmifs_ros.tools.make_robot_file import main as make_robot_file
 from cmifs_ros.tools.select_from_bag import main
 

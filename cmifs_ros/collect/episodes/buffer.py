@@ -1,0 +1,150 @@
+"""The newest episodes, bounded in number and in memory."""
+
+from __future__ import annotations
+
+import hashlib
+from collections import OrderedDict
+from collections.abc import Iterable
+
+import numpy as np
+
+from cmifs_ros.core import Episode
+from cmifs_ros.core.words import counted
+
+
+class EpisodeBuffer:
+    """Keep the newest episodes; the oldest leave when there is no room for a new one.
+
+    The same episode twice (the same states and rewards) is a copy, as of a bag that is played in a
+    loop, and no evidence: it is counted and not kept.
+
+    Parameters
+    ----------
+    max_episodes : int
+        Greatest number of episodes held, at least 1.
+    max_bytes : int, optional
+        Greatest size of their arrays, at least 1; None sets no bound.
+
+    Attributes
+    ----------
+    num_repeated : int
+        Copies that were not kept.
+
+    Raises
+    ------
+    ValueError
+        If a bound is below 1.
+
+    """
+
+    def __init__(self, max_episodes: int = 100, max_bytes: int | None = None):
+        self._episodes: OrderedDict[bytes, Episode] = OrderedDict()  # by digest
+        self.num_repeated = 0
+        self._num_steps = 0
+        self._nbytes = 0
+        self._max_episodes = _checked('max_episodes', max_episodes)
+        self.max_bytes = max_bytes
+
+    def __len__(self) -> int:
+        """Return the number of episodes held."""
+        return len(self._episodes)
+
+    @property
+    def max_episodes(self) -> int:
+        """Greatest number of episodes held; the oldest leave when it is lowered."""
+        return self._max_episodes
+
+    @max_episodes.setter
+    def max_episodes(self, value: int) -> None:
+        self._max_episodes = _checked('max_episodes', value)
+        self._make_room(0, 0)
+
+    @property
+    def max_bytes(self) -> int | None:
+        """Greatest size of the episodes' arrays; the oldest leave when it is lowered."""
+        return self._max_bytes
+
+    @max_bytes.setter
+    def max_bytes(self, value: int | None) -> None:
+        self._max_bytes = None if value is None else _checked('max_bytes', value)
+        self._make_room(0, 0)
+
+    @property
+    def num_steps(self) -> int:
+        """Number of steps held, summed over the episodes."""
+        return self._num_steps
+
+    @property
+    def nbytes(self) -> int:
+        """Memory held by the episodes' arrays, in bytes."""
+        return self._nbytes
+
+    def append(self, episode: Episode) -> bool:
+        """Add one episode; return False if it is held already.
+
+        Raises
+        ------
+        ValueError
+            If its number of channels differs from that of the episodes held, or if it is
+            larger than `max_bytes`.
+
+        """
+        held = next(iter(self._episodes.values()), episode)
+        if episode.num_channels != held.num_channels:
+            raise ValueError(
+                f'the episode has {counted(episode.num_channels, "channel")}; '
+                f'expected {held.num_channels} as in the episodes held'
+            )
+        if self.max_bytes is not None and episode.nbytes > self.max_bytes:
+            raise ValueError(
+                f'the episode has {episode.nbytes} bytes; expected at most {self.max_bytes}'
+            )
+        digest = _digest(episode)
+        if digest in self._episodes:
+            self.num_repeated += 1
+            return False
+        self._make_room(1, episode.nbytes)
+        self._episodes[digest] = episode
+        self._num_steps += len(episode)
+        self._nbytes += episode.nbytes
+        return True
+
+    def forget(self, episodes: Iterable[Episode]) -> None:
+        """Forget some episodes; those that are not held any more are no mistake."""
+        for episode in episodes:
+            held = self._episodes.pop(_digest(episode), None)
+            if held is not None:
+                self._count_out(held)
+
+    def clear(self) -> None:
+        """Forget all episodes."""
+        self._episodes.clear()
+        self._num_steps = self._nbytes = 0
+
+    def snapshot(self) -> tuple[Episode, ...]:
+        """Return the episodes held now, oldest first; later changes do not touch it."""
+        return tuple(self._episodes.values())
+
+    def _make_room(self, num_episodes: int, nbytes: int) -> None:
+        while self._episodes and (
+            len(self._episodes) + num_episodes > self.max_episodes
+            or (self.max_bytes is not None and self._nbytes + nbytes > self.max_bytes)
+        ):
+            _, oldest = self._episodes.popitem(last=False)
+            self._count_out(oldest)
+
+    def _count_out(self, episode: Episode) -> None:
+        self._num_steps -= len(episode)
+        self._nbytes -= episode.nbytes
+
+
+def _digest(episode: Episode) -> bytes:
+    digest = hashlib.blake2b(np.ascontiguousarray(episode.states), digest_size=16)
+    digest.update(np.ascontiguousarray(episode.rewards))
+    return digest.digest()
+
+
+def _checked(name: str, value: int) -> int:
+    if value < 1:
+        raise ValueError(f'{name} is {value}; expected at least 1')
+    return int(value)

@@ -1,0 +1,390 @@
+"""Pair states with rewards by their stamps and join the pairs to whole episodes.
+
+Nothing here knows ROS: stamps are nanoseconds, and what is dropped is counted by cause, so
+that the node can report it and nothing disappears silently.
+"""
+
+from __future__ import annotations
+
+from array import array
+from collections import Counter
+from itertools import chain, takewhile
+from typing import NamedTuple
+
+import numpy as np
+
+from cmifs_ros.core import Episode
+from cmifs_ros.core.words import listed
+
+from .state_reader import StateReader, problem_of_state
+
+#: States or rewards that wait for their partner; as many as the subscriptions queue.
+MAX_PENDING = 1000
+#: Sets of channels with which states may come before the first reward.
+MAX_LAYOUTS = 8
+
+
+class RewardSample(NamedTuple):
+    """The reward of one step and what its publisher says of the step; None: says nothing."""
+
+    reward: float
+    terminated: bool | None = None
+    truncated: bool | None = None
+    episode: int | None = None
+    step: int | None = None
+
+    @property
+    def marks_ends(self) -> bool:
+        """Whether the publisher tells where an episode ends."""
+        return self.terminated is not None or self.truncated is not None
+
+    @property
+    def ends_episode(self) -> bool:
+        """Whether this is an episode's last step."""
+        return bool(self.terminated or self.truncated)
+
+
+class Transition(NamedTuple):
+    """A state and its reward."""
+
+    state: array
+    sample: RewardSample
+
+
+class Waiting(dict):
+    """What waits for its partner, by stamp, in the order of arrival.
+
+    That is nearly always the order of the stamps, so that those before another need no search.
+    """
+
+    _is_in_order = True
+
+    def add(self, stamp: int, content) -> None:
+        """Add a message."""
+        self._is_in_order = not self or (self._is_in_order and stamp > next(reversed(self)))
+        self[stamp] = content
+
+    def older_than(self, stamp: int) -> list[int]:
+        """Return the stamps before another."""
+        if not self:
+            return []
+        if self._is_in_order:
+            return list(takewhile(lambda waiting: waiting < stamp, self))
+        return [waiting for waiting in self if waiting < stamp]
+
+
+class EpisodeAssembler:
+    """Build episodes from states and rewards that arrive as separate streams.
+
+    A state and a reward belong together when their stamps are equal, or no further apart than
+    `stamp_tolerance`. Once a pair is complete,
+    older unpaired messages of either stream are lost and counted. An episode with a lost
+    transition is dropped, counted, and collecting goes on with the next one. A pair that is
+    older than the last one means that time was set back: the open episode is dropped. A single
+    message sent again or late changes nothing. Step 0 begins an episode; where nothing else tells
+    of ends, it ends the one before.
+
+    Several nodes may publish parts of a state, each with channels of its own. The channels are
+    those of the state to which the first reward belongs, whichever part came first; of several
+    with its stamp, those that are most.
+
+    Parameters
+    ----------
+    max_episode_steps : int
+        An episode that reaches this length is closed there as truncated.
+    max_episode_bytes : int, optional
+        So is one whose arrays would become larger than this; at least 1 MB.
+
+    Attributes
+    ----------
+    reader : StateReader
+        Knows the channels.
+    stamp_tolerance : int
+        Nanoseconds; more than half the time between two steps would mix them.
+    num_transitions : int
+        Pairs completed so far.
+    dropped_messages, dropped_episodes : collections.Counter
+        How many were dropped, by cause.
+    last_drops : dict of str to str
+        By cause, the most recent of them in words.
+    num_cut : int
+        Episodes closed at `max_episode_steps` or `max_episode_bytes`.
+
+    """
+
+    def __init__(self, max_episode_steps: int, max_episode_bytes: int = 2**62):
+        self.max_episode_steps = max_episode_steps
+        self.max_episode_bytes = max_episode_bytes
+        self.stamp_tolerance = 0
+        self.num_transitions = 0
+        self.num_cut = 0
+        self.dropped_messages: Counter[str] = Counter()
+        self.dropped_episodes: Counter[str] = Counter()
+        self.last_drops: dict[str, str] = {}
+        self.reader = StateReader(self.drop_message)
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget the open episode, all that waits, and the channels; keep the counts."""
+        self.reader.clear()
+        self._states = Waiting()
+        self._first_states: dict[tuple[str, ...], Waiting] = {}  # while no channels are known
+        self._rewards = Waiting()
+        self._recent: dict[int, Transition] = {}
+        self._last_paired: int | None = None
+        self._forget_open()
+        self._previous: RewardSample | None = None
+        self._skipping = False
+        self._was_cut = False
+
+    @property
+    def num_pending(self) -> int:
+        """States and rewards that wait for their partner."""
+        return sum(map(len, (self._states, self._rewards, *self._first_states.values())))
+
+    @property
+    def num_open_steps(self) -> int:
+        """Steps of the open episode."""
+        return len(self._open_rewards)
+
+    @property
+    def channel_names(self) -> tuple[str, ...] | None:
+        """The channels of the first state that had a reward."""
+        return self.reader.channel_names
+
+    @channel_names.setter
+    def channel_names(self, names: tuple[str, ...] | None) -> None:
+        self.reader.channel_names = names
+
+    def nearest_state(self) -> int | None:
+        """Return how far the nearest state is from the newest reward that waits, in nanoseconds.
+
+        None if there is no such reward, or no state waits.
+        """
+        if not self._rewards:
+            return None
+        newest = next(reversed(self._rewards))
+        stamps = chain(self._states, *self._first_states.values())
+        return min((abs(stamp - newest) for stamp in stamps), default=None)
+
+    def add_state(self, stamp: int, names: list[str], values: array) -> list[Episode]:
+        """Take a state; return the episodes that it completes.
+
+        Parameters
+        ----------
+        stamp : int
+            Nanoseconds.
+        names : list of str
+        values : array of float
+            As many as names. Both are kept, not copied: they may not change afterwards.
+
+        """
+        if self.channel_names is None:
+            return self._add_first_state(stamp, names, values)
+        state = self.reader.read(names, values)
+        stamp = self._partner_of(stamp, self._rewards)
+        if state is None or not self._is_new(stamp, state, self._states, 'state'):
+            return []
+        self._states.add(stamp, state)
+        return self._pair(stamp)
+
+    def add_reward(self, stamp: int, sample: RewardSample) -> list[Episode]:
+        """Take a reward; return the episodes that it completes."""
+        stamp = self._partner_of(stamp, self._states)
+        if not self._is_new(stamp, sample, self._rewards, 'reward'):
+            return []
+        self._rewards.add(stamp, sample)
+        return self._begin(stamp) if self.channel_names is None else self._pair(stamp)
+
+    def drop_message(self, cause: str, what: str, count: int = 1) -> None:
+        """Count a message, or several, that cannot be used."""
+        self.dropped_messages[cause] += count
+        self.last_drops[cause] = what
+
+    def _add_first_state(self, stamp: int, names: list[str], values: array) -> list[Episode]:
+        """Keep a state as long as no reward has told whether its channels are those that count."""
+        problem = problem_of_state(names, values)
+        if problem is not None:
+            self.drop_message(*problem)
+            return []
+        value_of = dict(zip(names, values, strict=True))
+        layout = next((known for known in self._first_states if set(known) == set(names)), None)
+        if layout is None:
+            if len(self._first_states) >= MAX_LAYOUTS:
+                self._drop_first_states(next(iter(self._first_states)), 'state_without_reward')
+            layout = tuple(names)
+            self._first_states[layout] = Waiting()
+        waiting = self._first_states[layout]
+        state = array('d', [value_of[name] for name in layout])
+        if not self._is_new(stamp, state, waiting, 'state'):
+            return []
+        waiting.add(stamp, state)
+        partner = self._partner_of(stamp, self._rewards)
+        return self._begin(partner) if partner in self._rewards else []
+
+    def _begin(self, stamp: int) -> list[Episode]:
+        """Take the channels of the state to which a reward belongs, if it is there."""
+        found = []
+        for layout, waiting in self._first_states.items():
+            partner = self._partner_of(stamp, waiting)
+            if partner in waiting:
+                found.append((-abs(partner - stamp), len(layout), layout))
+        if not found:
+            return []
+        *_, layout = max(found)
+        self.channel_names = layout
+        states = self._first_states.pop(layout)
+        for other in list(self._first_states):
+            self._drop_first_states(other, 'wrong_channels')
+        completed = []
+        for waiting, values in states.items():
+            completed += self.add_state(waiting, list(layout), values)
+        return completed
+
+    def _drop_first_states(self, layout: tuple[str, ...], cause: str) -> None:
+        count = len(self._first_states.pop(layout))
+        self.drop_message(cause, f'no state of {listed(layout)} had the stamp of a reward', count)
+
+    def _partner_of(self, stamp: int, waiting: Waiting) -> int:
+        """Return the stamp within the tolerance that waits for this one, or else this one."""
+        if not self.stamp_tolerance or not waiting or stamp in waiting:
+            return stamp
+        nearest = min(waiting, key=lambda other: abs(other - stamp))
+        return nearest if abs(nearest - stamp) <= self.stamp_tolerance else stamp
+
+    def _is_new(self, stamp: int, content, waiting: Waiting, what: str) -> bool:
+        """Tell whether a message is none of those already taken, and make room for it."""
+        paired = self._recent.get(stamp)
+        if stamp in waiting and content != waiting[stamp]:
+            self.drop_message('equal_stamps', _equal_stamps(what, stamp))
+            return False
+        if stamp in waiting or (paired is not None and content in paired):
+            self.drop_message('duplicate_stamp', f'a second {what} is stamped {stamp} ns')
+            return False
+        if len(waiting) >= MAX_PENDING:
+            oldest = next(iter(waiting))
+            if what == 'state':
+                self._discard_state(oldest, 'state_without_reward', waiting)
+            else:
+                self._discard_reward(oldest, 'reward_without_state')
+        return True
+
+    def _pair(self, stamp: int) -> list[Episode]:
+        if stamp not in self._states or stamp not in self._rewards:
+            return []
+        transition = Transition(self._states.pop(stamp), self._rewards.pop(stamp))
+        last = self._last_paired
+        if stamp == last:
+            self._break_episode('equal_stamps', _equal_stamps('state', stamp))
+        elif last is not None and stamp < last:
+            # A replayed bag or a reset simulation. A single message that is late is no reason.
+            self._break_episode('time_backwards', 'a transition is older than the one before')
+            for old in [s for s in self._states if s > last]:
+                self._discard_state(old, 'state_without_reward')
+            for old in [s for s in self._rewards if s > last]:
+                self._discard_reward(old, 'reward_without_state')
+            self._recent.clear()
+            last = None
+        for old in self._states.older_than(stamp):
+            is_late = last is not None and old <= last
+            self._discard_state(old, 'too_late' if is_late else 'state_without_reward')
+        for old in self._rewards.older_than(stamp):
+            if last is not None and old <= last:
+                self._discard_reward(old, 'too_late')
+                continue
+            sample = self._discard_reward(old, 'reward_without_state')
+            self._break_episode('lost_state', 'an episode has a reward without its state')
+            self._skipping = not sample.ends_episode
+            self._previous = sample
+        self._last_paired = stamp
+        self._recent[stamp] = transition
+        if len(self._recent) > MAX_PENDING:
+            del self._recent[next(iter(self._recent))]
+        self.num_transitions += 1
+        return self._extend(transition)
+
+    def _discard_state(self, stamp: int, cause: str, waiting: Waiting | None = None) -> None:
+        del (self._states if waiting is None else waiting)[stamp]
+        self.drop_message(cause, f'the state at {stamp} ns has no reward or came too late')
+
+    def _discard_reward(self, stamp: int, cause: str) -> RewardSample:
+        self.drop_message(cause, f'the reward at {stamp} ns has no usable state or came too late')
+        return self._rewards.pop(stamp)
+
+    def _extend(self, transition: Transition) -> list[Episode]:
+        """Add a transition to the open episode, or begin one with it."""
+        sample, previous = transition.sample, self._previous
+        self._previous = sample
+        completed = []
+        if previous is not None and sample.episode != previous.episode:
+            if self._open_rewards and previous.marks_ends:
+                self._break_episode('lost_end', f'episode {previous.episode} ended unseen')
+            elif self._open_rewards:
+                completed.append(self._close())
+            self._skipping = False
+            self._was_cut = False
+        if self._open_rewards and sample.step == 0 and not previous.marks_ends:
+            completed.append(self._close())
+        if self._open_rewards and not _follows(sample, previous):
+            self._break_episode('step_gap', f'step {sample.step} came after step {previous.step}')
+
+        if self._open_rewards or self._may_begin(sample, previous):
+            self._open_states.extend(transition.state)
+            self._open_rewards.append(sample.reward)
+            self._skipping = self._was_cut = False
+        elif not self._skipping:
+            self._break_episode(
+                'joined_midway', f'an episode begins with step {sample.step}; expected 0'
+            )
+
+        if sample.ends_episode:
+            if self._open_rewards:
+                completed.append(self._close())
+            self._skipping = False
+        elif self._is_full(len(transition.state) + 1):
+            completed.append(self._close())
+            self._was_cut = True
+            self.num_cut += 1
+        return completed
+
+    def _may_begin(self, sample: RewardSample, previous: RewardSample | None) -> bool:
+        if sample.step is not None:
+            return sample.step == 0 or (self._was_cut and _follows(sample, previous))
+        tells_boundaries = sample.marks_ends or sample.episode is not None
+        return not (self._skipping and tells_boundaries)
+
+    def _break_episode(self, cause: str, what: str) -> None:
+        """Drop the episode under way; skip its rest."""
+        if not self._skipping:
+            self.dropped_episodes[cause] += 1
+            self.last_drops[cause] = what
+        self._forget_open()
+        self._skipping = True
+        self._was_cut = False
+
+    def _is_full(self, num_values: int) -> bool:
+        steps = len(self._open_rewards)
+        is_too_large = (steps + 1) * num_values * 8 > self.max_episode_bytes
+        return steps >= self.max_episode_steps or (steps > 0 and is_too_large)
+
+    def _close(self) -> Episode:
+        rewards = np.array(self._open_rewards)
+        episode = Episode(np.array(self._open_states).reshape(len(rewards), -1), rewards)
+        self._forget_open()
+        return episode
+
+    def _forget_open(self) -> None:
+        self._open_states, self._open_rewards = array('d'), array('d')
+
+
+def _equal_stamps(what: str, stamp: int) -> str:
+    return (
+        f'two different messages of {what} have the same stamp, {stamp} ns: each step needs one of '
+        'its own, so a simulated clock has to tick at least once a step'
+    )
+
+
+def _follows(sample: RewardSample, previous: RewardSample) -> bool:
+    if sample.step is None:
+        return True  # Without step numbers no gap can be seen.
+    return previous.step is not None and sample.step == previous.step + 1

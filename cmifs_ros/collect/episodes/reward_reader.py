@@ -1,0 +1,55 @@
+"""What a reward message says of its step, read by the names of its fields."""
+
+from __future__ import annotations
+
+from array import array
+from math import isfinite
+
+from cmifs_ros.core.words import counted, listed
+
+from .pairing import RewardSample
+
+
+class RewardReader:
+    """Read reward messages, whose fields mostly stand where they stood in the one before.
+
+    Only the field `reward` is required; those of other names than `RewardSample` has are ignored.
+    """
+
+    def __init__(self):
+        self._names: list[str] | None = None
+        self._columns: list[int | None] = []
+
+    def read(self, names: list[str], values: array) -> RewardSample:
+        """Return the sample of a message's names and values.
+
+        Raises
+        ------
+        ValueError
+            If there are not as many of both, `reward` is missing, or a field is not finite.
+
+        """
+        if len(names) != len(values):
+            positions = counted(len(values), 'position')
+            raise ValueError(f'{positions} for {counted(len(names), "name")}; expected as many')
+        if names != self._names:
+            column_of = {name: column for column, name in enumerate(names)}
+            if 'reward' not in column_of:
+                raise ValueError(
+                    f'fields are {listed(names) or "none"}; expected reward among them'
+                )
+            self._columns = [column_of.get(field) for field in RewardSample._fields]
+            self._names = names
+        # One value that is not finite makes the sum so; finite ones do only if they are huge.
+        if not isfinite(sum(values)):
+            for name, value in zip(names, values, strict=True):
+                if not isfinite(value):
+                    raise ValueError(f'{listed([name])} is {value}; expected a finite number')
+        reward, terminated, truncated, episode, step = self._columns
+        return RewardSample(
+            values[reward],
+            None if terminated is None else bool(values[terminated]),
+            None if truncated is None else bool(values[truncated]),
+            None if episode is None else int(values[episode]),
+            None if step is None else int(values[step]),
+        )

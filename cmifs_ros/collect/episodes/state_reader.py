@@ -1,0 +1,165 @@
+"""States to the values of known channels, in one order and all of them finite."""
+
+from __future__ import annotations
+
+from array import array
+from collections import Counter
+from collections.abc import Callable, Sequence
+from math import inf, isfinite, isinf, isnan
+
+import numpy as np
+
+from cmifs_ros.core.channel_names import problem_of_names
+from cmifs_ros.core.words import counted, listed
+
+#: States whose values are looked at together: one by one would take as long as all else.
+_UNSEEN = 64
+
+
+class StateReader:
+    """Take states by the names of their channels.
+
+    An infinite value is a reading out of range, as a lidar gives it (REP 117): in the place of
+    +inf stands `inf_value`, of -inf the least value that the channel had so far. A NaN is a gap:
+    the value before it is held for up to `max_hold_steps` states, and then the state is of no use.
+
+    Parameters
+    ----------
+    drop : callable
+        Called with the cause and a sentence for each state that is of no use.
+
+    Attributes
+    ----------
+    channel_names : tuple of str or None
+        States must carry these, in any order; to be set before the first is read.
+    max_hold_steps : int
+        States in a row for which a gap is bridged; 0: none.
+    inf_value : float
+        In the place of +inf; `inf` itself stands for the greatest value of the channel so far.
+    num_states : int
+        States with the known channels.
+    gaps : collections.Counter
+        How many of these had no usable value, by channel.
+    foreign : list of str
+        The channels of the newest state, if they are not the known ones, and else empty.
+    last_foreign : list of str
+        The channels by which the last such state differed.
+    num_switches : int
+        How often such a state came after one with the known channels.
+
+    """
+
+    def __init__(self, drop: Callable[[str, str], None]):
+        self._drop = drop
+        self.max_hold_steps = 0
+        self.inf_value = inf
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget the channels and all that was counted of them."""
+        self.channel_names: tuple[str, ...] | None = None
+        self.num_states = 0
+        self.gaps: Counter[str] = Counter()
+        self.foreign: list[str] = []
+        self.last_foreign: list[str] = []
+        self.num_switches = 0
+        self._layout: list[str] = []
+        self._columns: list[int] | None = None
+        self._last: array | None = None
+        self._held: Counter[int] = Counter()
+        self._bounds: tuple[np.ndarray, np.ndarray] | None = None
+        self._unseen: list[Sequence[float]] = []  # states that the bounds do not yet take in
+
+    def read(self, names: list[str], values: array) -> array | None:
+        """Return the values in the order of the channels, or None if they cannot be used."""
+        if len(names) != len(values) or not names:
+            self._drop(*problem_of_state(names, values))
+            return None
+        if names != self._layout and not self._learn_layout(names):
+            return None
+        self.foreign = []
+        if self._columns is not None:
+            values = array('d', [values[column] for column in self._columns])
+        self.num_states += 1
+        # One value that is not finite makes the sum so; finite ones do only if they are huge.
+        if not isfinite(sum(values)) and not all(map(isfinite, values)):
+            values = self._mended(names, values)
+            if values is None:
+                return None
+        else:
+            self._held.clear()
+            self._unseen.append(values)
+            if len(self._unseen) >= _UNSEEN:
+                self._widen_bounds()
+        self._last = values
+        return values
+
+    def _learn_layout(self, names: list[str]) -> bool:
+        """Take the names of a state whose successors mostly have the same, in the same order."""
+        columns = None
+        if tuple(names) != self.channel_names:
+            if len(names) != len(self.channel_names) or set(names) != set(self.channel_names):
+                known = set(self.channel_names)
+                odd = (
+                    sorted(set(names) - known) or sorted(known - set(names)) or ['a repeated name']
+                )
+                self.num_switches += not self.foreign
+                self.foreign, self.last_foreign = names, odd
+                self._drop(
+                    'wrong_channels',
+                    f'a state differs from the {counted(len(self.channel_names), "known channel")} '
+                    f'by {listed(odd)}',
+                )
+                return False
+            column_of = {name: column for column, name in enumerate(names)}
+            columns = [column_of[name] for name in self.channel_names]
+        self._layout, self._columns = names, columns
+        return True
+
+    def _mended(self, names: Sequence[str], values: array) -> array | None:
+        names = self.channel_names or names
+        finite = np.array(values)
+        finite[~np.isfinite(finite)] = np.nan
+        self._unseen.append(finite)
+        least, greatest = self._widen_bounds()
+        mended, gaps = array('d', values), []
+        for channel, value in enumerate(values):
+            if value == inf:
+                mended[channel] = greatest[channel] if self.inf_value == inf else self.inf_value
+            elif value == -inf:
+                mended[channel] = least[channel]
+            if isnan(mended[channel]):
+                gaps.append(channel)
+                self.gaps[names[channel]] += 1
+        self._held = Counter({channel: self._held[channel] + 1 for channel in gaps})
+        for channel in gaps:
+            if self._last is None or self._held[channel] > self.max_hold_steps:
+                share = self.gaps[names[channel]] / self.num_states
+                remedy = 'inf_value' if isinf(values[channel]) else 'max_hold_steps'
+                self._drop(
+                    'not_finite',
+                    f'channel {listed([names[channel]])} is {values[channel]}, as {share:.1%} of '
+                    f'its values so far ({remedy} can bridge it)',
+                )
+                return None
+            mended[channel] = self._last[channel]
+        return mended
+
+    def _widen_bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return the least and greatest finite value of each channel; nan where there is none."""
+        states = np.array(self._unseen)
+        self._unseen = []
+        least, greatest = np.fmin.reduce(states), np.fmax.reduce(states)
+        if self._bounds is not None:
+            least, greatest = np.fmin(least, self._bounds[0]), np.fmax(greatest, self._bounds[1])
+        self._bounds = least, greatest
+        return self._bounds
+
+
+def problem_of_state(names: Sequence[str], values: Sequence[float]) -> tuple[str, str] | None:
+    """Return the cause and a sentence if a state is of no use whatever the channels are."""
+    if len(names) != len(values) or not names:
+        values_for_names = f'{counted(len(values), "value")} for {counted(len(names), "name")}'
+        return 'wrong_length', f'a state has {values_for_names}'
+    problem = problem_of_names(names)
+    return ('wrong_channels', f'a state has {problem}') if problem else None

@@ -1,0 +1,222 @@
+"""Where a number lies in a message: `/topic.field.sub`, `[0:360:30]`, `{name,name}`.
+
+In the middle, `.status{left motor}.level` takes of an array of messages the one called so.
+
+Works on any object with the message's attributes, rclpy's and rosbags' alike.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+from cmifs_ros.core.channel_names import MAX_CHANNELS, MAX_NAME_LENGTH
+from cmifs_ros.core.words import counted, listed
+
+MAX_PARTS = 16
+_MAX_INDEX = 10**7
+#: A longer topic is refused by the middleware.
+_MAX_TOPIC = 200
+
+_TOPIC = re.compile(r'/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*')
+_FIELD = re.compile(r'\.([A-Za-z][A-Za-z0-9_]*)(\{[^{}]+\}(?=\.))?')
+_END = re.compile(r'(?:\[(\d+)\]|\[(\d*):(\d+)(?::(\d+))?\]|\{([^{}]+)\})?')
+
+
+class MissingFieldError(Exception):
+    """A message lacks what a path names, or has something else there; the text says what."""
+
+
+@dataclass(frozen=True)
+class FieldPath:
+    """A path that was checked.
+
+    Attributes
+    ----------
+    topic : str
+    fields : tuple of str
+        None for the message itself; `{text}` is the entry whose `name` or `key` is the text.
+    indices : tuple of int
+        Of an array, in order.
+    names : tuple of str
+        Entries of an array that the message's `name` array orders.
+
+    """
+
+    topic: str
+    fields: tuple[str, ...] = ()
+    indices: tuple[int, ...] = ()
+    names: tuple[str, ...] = ()
+    is_list: bool = False
+
+    @property
+    def suffixes(self) -> tuple[str, ...]:
+        """What distinguishes its values: `[0]`, `.shoulder`; one empty text for a single value."""
+        if len(self.names) > 1:
+            return tuple(f'.{name}' for name in self.names)
+        if self.is_list:
+            return tuple(f'[{index}]' for index in self.indices)
+        return ('',)
+
+    def __str__(self) -> str:
+        """Return the path up to its last field."""
+        parts = (part if part.startswith('{') else f'.{part}' for part in self.fields)
+        return self.topic + ''.join(parts)
+
+    def numbers(self, message) -> list[float]:
+        """Return the values in a message as numbers; see `read`."""
+        return [self.number(value) for value in self.read(message)]
+
+    def number(self, value) -> float:
+        """Return a value that was read as a number.
+
+        A `byte` is b'3' in rclpy and 3 in rosbags; text that is a number counts as one.
+
+        Raises
+        ------
+        MissingFieldError
+            If it is none.
+
+        """
+        if isinstance(value, bytes):
+            value = value[0]
+        if isinstance(value, str) or not hasattr(value, '__len__'):  # NumPy takes `[3]` for 3.
+            try:
+                return float(value)
+            except (TypeError, ValueError):
+                pass
+        raise MissingFieldError(f'{self} is {described(value)}; expected {_remedy(value)}')
+
+    def read(self, message) -> list:
+        """Return the values in a message, as many as `suffixes`.
+
+        They are none if an array has no entry called so: the message is of other things.
+
+        Raises
+        ------
+        MissingFieldError
+            If the message lacks a field, an index or a name, or has no array where one is needed.
+
+        """
+        parent = value = message
+        for depth, field in enumerate(self.fields):
+            parent = value
+            if field.startswith('{'):
+                FieldPath(self.topic, self.fields[:depth])._expect_array(value, field)
+                value = next((entry for entry in value if _called(entry) == field[1:-1]), None)
+                if value is None:
+                    return []
+                continue
+            value = getattr(parent, field, None)
+            if value is None:
+                expected = f'; expected one of {own}' if (own := _fields(parent)) else ''
+                raise MissingFieldError(f'{self.topic} has no field {field!r}{expected}')
+        if self.names:
+            self._expect_array(value, f'{{{",".join(self.names)}}}')
+            order = list(getattr(parent, 'name', ()))
+            if len(order) != len(value):
+                raise MissingFieldError(
+                    f'{self.topic} has {counted(len(value), "value")} for '
+                    f'{counted(len(order), "name")}'
+                )
+            missing = [name for name in self.names if name not in order]
+            if missing:
+                raise MissingFieldError(f'{self.topic} has no {missing[0]!r} in its names')
+            return [value[order.index(name)] for name in self.names]
+        if self.indices:
+            self._expect_array(value, f'[{self.indices[0]}]')
+            if len(value) <= max(self.indices):
+                raise MissingFieldError(
+                    f'{self.topic} has {counted(len(value), "value")}; '
+                    f'expected more than {max(self.indices)}'
+                )
+            return [value[index] for index in self.indices]
+        return [value]
+
+    def _expect_array(self, value, end: str) -> None:
+        if isinstance(value, str) or not hasattr(value, '__len__'):
+            raise MissingFieldError(f'{self} is {described(value)}; expected an array for {end}')
+
+
+def described(value) -> str:
+    """Return what is found in the place of a number: a text, an array, a message."""
+    if isinstance(value, str):
+        return f'the text {value[:40]!r}'
+    if hasattr(value, '__len__'):
+        return f'an array of {counted(len(value), "value")}'
+    if isinstance(value, (int, float)):
+        return 'a number'
+    name = type(value).__name__.rsplit('__')[-1]  # rosbags: geometry_msgs__msg__Pose
+    return f'a {name} of {_fields(value)}'
+
+
+def _remedy(value) -> str:
+    if isinstance(value, str):
+        return 'a number; of a few words, `one_hot: [word, word]` makes channels'
+    if hasattr(value, '__len__'):
+        return f'[0] for one entry, [0:{len(value)}] for all, or {{name}} of a JointState'
+    return 'a number: name a field of it'
+
+
+def _fields(message) -> str:
+    """Return the names of a message's fields in words; constants are in capitals."""
+    names = [name for name in dir(message) if name == name.lower() and not name.startswith('_')]
+    return listed([name for name in names if not callable(getattr(message, name))])
+
+
+def parse_field_path(text: str) -> FieldPath:
+    """Read a path.
+
+    Raises
+    ------
+    ValueError
+        If it is malformed, has too many parts, or its slice has no fixed or too great a length.
+
+    """
+    shown = repr(text if len(text) <= 60 else f'{text[:57]}...')
+    if len(text) > 16 * MAX_NAME_LENGTH:
+        raise ValueError(f'a path of {len(text)} characters; at most {16 * MAX_NAME_LENGTH}')
+    topic = _TOPIC.match(text)
+    if topic is None:
+        raise ValueError(f'{shown} is no path; expected e.g. /odom.pose.pose.position.x')
+    if topic.end() > _MAX_TOPIC:
+        raise ValueError(f'{shown} has a topic of {topic.end()} characters; at most {_MAX_TOPIC}')
+    position, fields = topic.end(), []
+    while (field := _FIELD.match(text, position)) is not None:
+        fields += filter(None, field.groups())
+        position = field.end()
+    if len(fields) > MAX_PARTS:
+        raise ValueError(f'{shown} has {len(fields)} parts; expected at most {MAX_PARTS}')
+    end = _END.fullmatch(text, position)
+    if end is None:
+        raise ValueError(
+            f'{shown} is not understood from {text[position : position + 20]!r} on; expected '
+            '[3], [0:360:30] with a fixed end, {name,name}, or {name}.field'
+        )
+    index, start, stop, step, braces = end.groups()
+    indices: range | tuple = ()
+    if index is not None:
+        indices = (_checked_index(index),)
+    elif stop is not None:
+        stride = _checked_index(step or '1')
+        if stride == 0:
+            raise ValueError(f'{shown} has a slice with step 0; expected at least 1')
+        indices = range(_checked_index(start or '0'), _checked_index(stop), stride)
+        if not 0 < len(indices) <= MAX_CHANNELS:
+            raise ValueError(
+                f'{shown} has a slice of {len(indices)} values; expected 1 to {MAX_CHANNELS}'
+            )
+    names = tuple(name.strip() for name in braces.split(',')) if braces else ()
+    if not all(names) or len(set(names)) < len(names):
+        raise ValueError(f'{shown} has an empty or a repeated name in its braces')
+    return FieldPath(topic[0], tuple(fields), tuple(indices), names, stop is not None)
+
+
+def _called(entry) -> str | None:
+    return getattr(entry, 'name', getattr(entry, 'key', None))
+
+
+def _checked_index(text: str) -> int:
+    if len(text) > 8 or int(text) > _MAX_INDEX:
+        raise ValueError(f'the index {text[:20]}; expected at most {_MAX_INDEX}')
+    return int(text)

@@ -1,0 +1,1 @@
+"""From messages to steps: the same for a running robot and for its bags."""

@@ -1,0 +1,35 @@
+"""What is said of episodes without ends, with too many ends, and of too few."""
+
+import pytest
+
+from cmifs_ros.collect.episodes.episode_check import problems_of_episodes
+
+FEW = 'expected at least 20, better 50'
+
+
+@pytest.mark.parametrize(
+    ('lengths', 'num_cut', 'num_open_steps', 'said'),
+    [
+        ([9] * 20, 0, 8, []),
+        ([9] * 19, 0, 8, [FEW]),
+        (
+            [1000] * 2,
+            2,
+            300,
+            [
+                'no end in 1000 steps, where 2 of 2 whole episodes were cut: say',
+                f'2 whole episodes; {FEW}',
+            ],
+        ),
+        ([9] * 40 + [1000], 1, 0, ['1 of 41 whole episodes']),
+        ([], 0, 900, ['no end in 900 steps: say', f'0 whole episodes; {FEW}']),
+        ([], 0, 0, [FEW]),
+        ([1] * 30 + [9] * 20, 0, 0, ['a single step in 30 of 50 whole episodes']),
+        ([1] * 20 + [9] * 20, 0, 0, []),
+    ],
+)
+def test_what_is_wrong_is_told_with_its_cause_first(lengths, num_cut, num_open_steps, said):
+    problems = problems_of_episodes(lengths, num_cut, num_open_steps)
+    assert len(problems) == len(said)
+    for problem, part in zip(problems, said, strict=True):
+        assert part in problem

@@ -1,0 +1,39 @@
+from array import array
+
+from cmifs_ros.collect.episodes.buffer import EpisodeBuffer
+from cmifs_ros.collect.episodes.input_watch import InputWatch, Topic
+from cmifs_ros.collect.episodes.pairing import EpisodeAssembler, RewardSample
+
+
+def test_until_an_episode_ends_its_length_is_told():
+    assembler, buffer = EpisodeAssembler(max_episode_steps=3), EpisodeBuffer()
+    watch = InputWatch(assembler, buffer)
+    said = []
+    for stamp in range(1, 4):
+        assembler.add_state(stamp, ['a'], array('d', [float(stamp)]))
+        for episode in assembler.add_reward(stamp, RewardSample(0.5)):
+            buffer.append(episode)
+        watch.look(float(stamp), {'state': Topic(0.0), 'reward': Topic(0.0)})
+        said.append(watch.assessment.message)
+    assert said == [
+        'collecting; the first episode has 1 step so far',
+        'collecting; the first episode has 2 steps so far',
+        'collecting',
+    ]
+
+
+def test_of_a_silent_topic_it_tells_whether_anybody_publishes_it():
+    watch = InputWatch(EpisodeAssembler(max_episode_steps=3), EpisodeBuffer())
+
+    def said(state, reward):
+        watch.look(0.0, {'state': state, 'reward': reward})
+        return watch.assessment.message
+
+    talker, nobody = ('/robot',), ()
+    assert said(Topic(), Topic()) == 'no state has come yet; nobody publishes it'
+    assert said(Topic(publishers=talker), Topic()) == 'no state has come yet'
+    assert said(Topic(8.0, publishers=nobody), Topic()) == 'no state for 8 s; nobody publishes it'
+    assert said(Topic(8.0, publishers=talker), Topic()) == 'no state for 8 s'
+    missing = 'states come, but no reward for 5 s'
+    assert said(Topic(0.0, publishers=talker), Topic()) == f'{missing}; nobody publishes it'
+    assert said(Topic(0.0, publishers=talker), Topic(publishers=talker)) == missing

@@ -1,0 +1,36 @@
+import pytest
+
+from cmifs_ros.collect.episodes.reward_check import problem_of_rewards
+from cmifs_ros.core import Episode
+
+
+def episodes(*rewards):
+    return [Episode([[float(i)]] * len(r), r) for i, r in enumerate(rewards)]
+
+
+@pytest.mark.parametrize(
+    ('rewards', 'said'),
+    [
+        ([[-1] * 3, [-1] * 3], 'every reward is -1, in all 2 episodes: no return differs'),
+        ([[0] * 3, [0] * 5, [0]], 'every reward is 0, in all 3 episodes: no return differs'),
+        ([[0.1 + 0.2] * 2, [0.3] * 2], 'every reward is 0.3'),
+        ([[0, 1, 0], [0, 1]], 'the rewards are the same each time, in all 2 episodes'),
+    ],
+)
+def test_rewards_by_which_no_return_differs_are_told_with_a_remedy(rewards, said):
+    problem = problem_of_rewards(episodes(*rewards))
+    assert problem.startswith(said)
+    assert '`reward` in the robot file' in problem
+
+
+@pytest.mark.parametrize(
+    'rewards',
+    [
+        [[-1] * 3, [-1] * 4],  # how soon it ends is what differs
+        [[0, 0, 0], [0, 0, 1]],
+        [[0, 1], [0, 1, 1]],
+        [[1e308, 0], [-1e308, 0]],
+    ],
+)
+def test_where_a_return_differs_there_is_no_problem(rewards):
+    assert problem_of_rewards(episodes(*rewards)) == ''

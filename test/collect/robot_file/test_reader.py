@@ -1,0 +1,154 @@
+"""The robot file: what it says, and that all mistakes are told at once."""
+
+from types import SimpleNamespace as Message
+
+import pytest
+
+from cmifs_ros.collect.robot_file.field_path import MissingFieldError
+from cmifs_ros.collect.robot_file.reader import RobotFileError, parse_robot_file
+
+WHOLE = """
+step: {topic: /odom}
+channels:
+  x: /odom.pose.pose.position.x
+  yaw: {path: /odom.pose.pose.orientation, as: yaw}
+  battery: {path: /battery_state.percentage, max_age: .inf}
+  scan: {path: "/scan.ranges[0:90:30]", inf: range_max}
+  arm: "/joint_states.position{shoulder,elbow}"
+values:
+  distance: /goal_distance.data
+reward: "before(distance) - distance + 10 * succeeded - 10 * aborted"
+episode: {action: /navigate_to_pose, truncated: "step >= 300"}
+"""
+
+
+def test_a_whole_file():
+    robot = parse_robot_file(WHOLE)
+    assert robot.channel_names == (
+        'x', 'yaw.sin', 'yaw.cos', 'battery', 'scan[0]', 'scan[30]', 'scan[60]',
+        'arm.shoulder', 'arm.elbow',
+    )  # fmt: skip
+    assert robot.groups['arm'] == ('arm.shoulder', 'arm.elbow')
+    assert set(robot.groups) == {'yaw', 'scan', 'arm'}
+    assert '/navigate_to_pose/_action/status' in robot.topics
+    assert robot.topics[0] == '/odom'
+
+
+def test_all_mistakes_are_told_with_their_lines():
+    text = (
+        WHOLE.replace('as: yaw', 'as: jaw').replace('0:90:30', '0:').replace('step >=', 'stop >=')
+    )
+    with pytest.raises(RobotFileError) as error:
+        parse_robot_file(text)
+    lines = str(error.value).splitlines()
+    assert [line.split(':')[0] for line in lines] == ['line 5', 'line 7', 'line 12']
+    assert "'jaw'; expected yaw" in lines[0]
+
+
+@pytest.mark.parametrize(
+    'text', ['', '[]', 'a: [', '!!python/object:os.system {}', 'step: 3', WHOLE + 'rewards: 1\n',
+             'step: {rate: 0}\nchannels: {}\nreward: 9**9**9\n', '{[a]: 1}', '[' * 2000]
+)  # fmt: skip
+def test_what_is_no_robot_file_is_refused_in_words(text):
+    with pytest.raises(RobotFileError, match=r'line|no YAML'):
+        parse_robot_file(text)
+
+
+@pytest.mark.parametrize('rule', ['scan', 'yaw', 'before(scan)', 'sqrt(arm)'])
+@pytest.mark.parametrize('place', ['reward: ', 'truncated: '])
+def test_an_expression_that_names_an_array_is_refused_when_it_is_read(rule, place):
+    text = WHOLE.replace('"before(distance) - distance + 10 * succeeded - 10 * aborted"', '"1"')
+    text = text.replace('reward: "1"', f'reward: "{rule}"') if place == 'reward: ' else (
+        text.replace('"step >= 300"', f'"{rule}"'))  # fmt: skip
+    with pytest.raises(RobotFileError) as error:
+        parse_robot_file(text)
+    assert 'single numbers' in str(error.value)
+    shown = str(error.value).rsplit(': ', 1)[1].split(', ')
+    assert shown == ['aborted', 'battery', 'canceled', 'distance', 'step', 'succeeded', 'x']
+
+
+def test_a_joint_by_its_name_is_a_single_number():
+    text = WHOLE.replace('{shoulder,elbow}', '{elbow}').replace('step >= 300', 'arm > 1')
+    assert 'arm' in parse_robot_file(text).channel_names
+
+
+def test_the_yaw_of_what_is_no_quaternion_is_refused_in_words():
+    yaw = parse_robot_file(WHOLE).sources[1]
+    pose = Message(position=1, orientation=Message(x=0, y=0, z=0, w=1))
+    said = 'is a SimpleNamespace of orientation, position; expected a quaternion of w, x, y, z'
+    with pytest.raises(MissingFieldError, match=said):
+        yaw.read(Message(pose=Message(pose=Message(orientation=pose))))
+
+
+@pytest.mark.parametrize(
+    ('kinds', 'value', 'expected'),
+    [('[0, 2, -1]', 2, [0, 1, 0]), ('[0, 2, -1]', -1.0, [0, 0, 1]), ('[0, 1]', True, [0, 1]),
+     ('[0, 3]', b'\x03', [0, 1]), ('[idle, lifting it]', 'idle', [1, 0]), ('[0, 1]', '1', [0, 1])],
+)  # fmt: skip
+def test_a_number_or_a_word_that_is_one_of_kinds(kinds, value, expected):
+    text = WHOLE.replace('  x: /odom', f'  k: {{path: /k.data, one_hot: {kinds}}}\n  x: /odom')
+    robot = parse_robot_file(text)
+    assert robot.groups['k'] == robot.sources[0].names == robot.channel_names[: len(expected)]
+    assert robot.channel_names[0] == f'k.{kinds[1:].split(",")[0]}'
+    assert robot.sources[0].read(Message(data=value)) == expected
+
+
+@pytest.mark.parametrize(
+    ('source', 'said'),
+    [
+        ('path: /k.data, one_hot: [0]', r'k.one_hot is \[0\]; expected whole numbers or words'),
+        ('path: /k.data, one_hot: 3', "k.one_hot is '3'; expected whole numbers"),
+        ('path: /k.data, one_hot: [0.5, 1]', r'k.one_hot is \[0.5, 1\]; expected'),
+        ('path: /k.data, one_hot: [a, 1]', r'k.one_hot is \[a, 1\]; expected'),
+        ('path: /k.data, one_hot: [{}, 1]', 'k.one_hot is'),
+        ('path: /k.data, one_hot: [1, 1]', 'repeated names: k.1'),
+        ('path: /k.q, one_hot: [0, 1], as: yaw', 'k has one_hot; expected a channel of a single'),
+        ('path: "/k.data[0:3]", one_hot: [0, 1]', 'k has one_hot; expected a channel of a single'),
+    ],
+)
+def test_kinds_that_cannot_be_are_refused(source, said):
+    with pytest.raises(RobotFileError, match=f'^line [45]: .*{said}'):
+        parse_robot_file(WHOLE.replace('channels:\n', f'channels:\n  k: {{{source}}}\n'))
+
+
+@pytest.mark.parametrize('name', ['step', 'succeeded', 'aborted', 'canceled', 'before', 'min'])
+@pytest.mark.parametrize('section', ['channels', 'values'])
+def test_our_own_words_are_no_names(name, section):
+    text = WHOLE.replace(f'{section}:\n', f'{section}:\n  {name}: /a.data\n')
+    with pytest.raises(RobotFileError, match=f"{section} has '{name}', which has a meaning"):
+        parse_robot_file(text)
+
+
+def test_a_value_cannot_have_the_name_of_a_channel_that_is_an_array():
+    with pytest.raises(RobotFileError, match="line 10: values has 'scan'"):
+        parse_robot_file(WHOLE.replace('values:\n', 'values:\n  scan: /a.data\n'))
+
+
+def test_types_are_taken_from_wherever_they_are_named():
+    text = WHOLE.replace('{topic: /odom}', '{topic: /odom, type: nav_msgs/msg/Odometry}').replace(
+        'as: yaw}', 'as: yaw, type: nav_msgs/msg/Odometry}'
+    )
+    assert parse_robot_file(text).types == {'/odom': 'nav_msgs/msg/Odometry'}
+    text = text.replace('yaw, type: nav_msgs/msg/Odometry', 'yaw, type: nav_msgs/msg/Path')
+    with pytest.raises(
+        RobotFileError, match=r'line 5: .*; expected nav_msgs/msg/Odometry as above'
+    ):
+        parse_robot_file(text)
+
+
+@pytest.mark.parametrize('kind', ['Odometry', '[a]', 'os/path/join', '{}', 'a/srv/B', '../msg/B'])
+@pytest.mark.parametrize('where', ['{topic: /odom', '{path: /odom.q'])
+def test_what_is_no_type_is_refused(kind, where):
+    text = WHOLE.replace('  x: /odom.pose.pose.position.x', '  x: {path: /odom.q}')
+    text = text.replace(where, f'{where}, type: {kind}')
+    with pytest.raises(RobotFileError, match=r'expected e\.g\. nav_msgs/msg/Odometry'):
+        parse_robot_file(text)
+
+
+def test_a_type_of_no_topic_and_a_yaw_of_an_array_are_refused():
+    text = WHOLE.replace('{topic: /odom}', '{rate: 5, type: a_msgs/msg/B}')
+    text = text.replace('inf: range_max', 'as: yaw')
+    with pytest.raises(RobotFileError) as error:
+        parse_robot_file(text)
+    assert 'line 2: step.type stands without step.topic' in str(error.value)
+    assert 'line 7: scan is a yaw of several values' in str(error.value)

@@ -1,0 +1,50 @@
+"""docs/robot_file.md: its examples are robot files, and mistakes are told as it shows."""
+
+import re
+from math import isfinite
+from pathlib import Path
+
+import pytest
+
+from cmifs_ros.collect.robot_file.expression import FUNCTIONS
+from cmifs_ros.collect.robot_file.reader import OWN_VALUES, RobotFileError, parse_robot_file
+
+PAGE = Path(__file__, '../../../../docs/robot_file.md').resolve().read_text()
+EXAMPLES = re.findall(r'```yaml\n(.*?)```', PAGE, re.DOTALL)
+
+
+def test_the_examples_are_robot_files_with_the_channels_that_the_page_names():
+    nav2, windows = map(parse_robot_file, EXAMPLES)
+    for name in ('yaw.sin', 'yaw.cos', 'scan[0]', 'scan[30]', 'wheel.left_wheel'):
+        assert name in PAGE
+        assert name in nav2.channel_names
+    assert set(nav2.groups) == {'yaw', 'scan', 'wheel'}
+    assert len(nav2.groups['scan']) == 12
+    assert (windows.rate, windows.steps, set(windows.groups)) == (10, 25, {'scan'})
+
+
+def test_the_rewards_of_usual_tasks_can_stand_in_a_robot_file():
+    tasks = re.findall(r'^\| to .*\| `(.*)` \| `(.*)` \|$', PAGE, re.MULTILINE)
+    assert len(tasks) == 5
+    for reward, episode in tasks:
+        names = set(re.findall('[a-z]+', reward)) - OWN_VALUES - FUNCTIONS.keys() - {'before'}
+        channels = ''.join(f'  {name}: /{name}.data\n' for name in names)
+        robot = parse_robot_file(
+            f'step: {{rate: 10}}\nchannels:\n{channels}reward: "{reward}"\nepisode: {episode}\n'
+        )
+        known = dict.fromkeys(names | OWN_VALUES, 1.0)
+        assert isfinite(robot.reward(known, known))
+        assert robot.steps or robot.action
+
+
+@pytest.mark.parametrize(
+    ('wrong', 'right', 'shown'),
+    [
+        ('as: jaw', 'as: yaw', "yaw.as is 'jaw'; expected yaw"),
+        ('reward: "scan', 'reward: "before(distance)', 'reward uses scan; expected names of'),
+    ],
+)
+def test_mistakes_are_told_as_the_page_shows(wrong, right, shown):
+    assert shown in PAGE
+    with pytest.raises(RobotFileError, match=re.escape(shown)):
+        parse_robot_file(EXAMPLES[0].replace(right, wrong))
