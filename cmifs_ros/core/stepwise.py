@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .evidence import combined_pvalue
+from .chance import combined_pvalue
 from .search import Criterion, Sensor
 
 #: Of those without evidence, so many are listed one after the other.
