@@ -238,15 +238,16 @@ class _Products:
                 sign_flip_pvalue(statistics[q, w], products[:, q] * np.sqrt(weights[:, w]))
                 for q, w in np.ndindex(statistics.shape)
             ]
-            prepared.append(((functions - self._basis @ coefficients) @ axes, weights, statistics))
+            prepared.append((functions, coefficients, axes, weights, statistics))
         pvalue = combined_pvalue(signs)
         return max(pvalue, self._by_shifts(prepared)) if pvalue <= self._level else pvalue
 
     def _by_shifts(self, prepared) -> float:
         pvalues: list[float] = []
-        for functions, weights, statistics in prepared:
+        for functions, coefficients, axes, weights, statistics in prepared:
+            left = functions @ axes - self._basis @ (coefficients @ axes)
             for errors, observed in zip(self._errors.T, statistics, strict=True):
-                drawn = (errors[self._shifts] @ functions) ** 2 @ weights
+                drawn = (errors[self._shifts] @ left) ** 2 @ weights
                 pvalues += resampled_pvalues(observed, drawn)
         return combined_pvalue(pvalues)
 
