@@ -42,10 +42,10 @@ METHODS = {
     'kdr_scaled': 'KDR, eps times M',
     'automatic': 'ours, automatic number',
     'automatic_shuffled': 'ours, automatic number, states of other episodes',
-    'stand_ins': 'ours, what stands in for what is confirmed',
+    'redundant': 'ours, what is redundant with what is confirmed',
 }
 #: Those that rank only some of the sensors.
-SELECTING = ('automatic', 'automatic_shuffled', 'stand_ins')
+SELECTING = ('automatic', 'automatic_shuffled', 'redundant')
 #: The default with other bounds of the number of kernel centres.
 NUM_CENTERS = {'centers_25': 25, 'centers_50': 50, 'centers_all': None}
 #: The estimators of rankings by the score alone: the default's, and that of the direct port.
@@ -66,7 +66,7 @@ class Ranking(NamedTuple):
 
     Without groups sensors are channels. The peers score each sensor by itself, the others score
     the first 1, 2, ... together. The automatic number ranks what it selects, and
-    `stand_ins` what could replace a part of that. A method that knows channels alone ranks a sensor
+    `redundant` what could replace a part of that. A method that knows channels alone ranks a sensor
     where its first channel is.
     """
 
@@ -157,8 +157,8 @@ def _selected(method: str, episodes, groups, seed: int, n_jobs: int) -> Ranking:
         episodes = [Episode(s, episode.rewards) for s, episode in pairs]
     selector = ConditionalMISelector(groups=groups, random_state=seed, n_jobs=n_jobs)
     selector.fit(episodes)
-    if method == 'stand_ins':
-        places = [i for i, of in enumerate(selector.stands_in_for_) if of]
+    if method == 'redundant':
+        places = [i for i, of in enumerate(selector.redundant_with_) if of]
     else:
         places = range(selector.num_features_)
     return Ranking(

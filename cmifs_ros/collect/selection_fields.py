@@ -6,7 +6,14 @@ from cmifs_ros.core.channel_names import MAX_CHANNELS, MAX_NAME_LENGTH
 from cmifs_ros.core.selection import Selection
 
 #: What a selection may say of each sensor beside its score, or leave out.
-EVIDENCE = ('statuses', 'pvalues', 'null_scores', 'spoke_by', 'stands_in_for', 'stability')
+EVIDENCE = (
+    'statuses',
+    'pvalues',
+    'null_scores',
+    'supporting_channels',
+    'redundant_with',
+    'stability',
+)
 #: What a selection may say of a sensor.
 STATUSES = ('confirmed', 'tentative', 'rejected')
 
@@ -36,9 +43,11 @@ def selection_of(fields: dict | None) -> Selection | None:
         statuses=tuple(_status(status) for status in list_of(fields.get('statuses', []))),
         pvalues=tuple(float(pvalue) for pvalue in list_of(fields.get('pvalues', []))),
         null_scores=tuple(_triple(scores) for scores in list_of(fields.get('null_scores', []))),
-        spoke_by=tuple(names_of(n, MAX_CHANNELS) for n in list_of(fields.get('spoke_by', []))),
-        stands_in_for=tuple(
-            names_of(n, MAX_CHANNELS) for n in list_of(fields.get('stands_in_for', []))
+        supporting_channels=tuple(
+            names_of(n, MAX_CHANNELS) for n in list_of(fields.get('supporting_channels', []))
+        ),
+        redundant_with=tuple(
+            names_of(n, MAX_CHANNELS) for n in list_of(fields.get('redundant_with', []))
         ),
         stability=tuple(float(share) for share in list_of(fields.get('stability', []))),
     )

@@ -63,8 +63,8 @@ def evidence(selection: Selection) -> str:
             shown.append(f'{short(name)} ({what}{number:{form}})')
     parts = [first(shown)] if shown else []
     parts += [f'rejected {listed(rejected)}'] if rejected else []
-    replacing = stand_ins(selection)
-    parts += [f'stand-ins: {replacing}'] if replacing else []
+    redundant = redundancies(selection)
+    parts += [f'redundant: {redundant}'] if redundant else []
     parts.append(
         f'{counted(selection.episodes, "episode")}, {counted(selection.steps, "step")}, '
         f'{selection.seconds:.1f} s'
@@ -72,10 +72,10 @@ def evidence(selection: Selection) -> str:
     return '; '.join(parts)
 
 
-def stand_ins(selection: Selection) -> str:
-    """Return which sensors stand in for which confirmed ones, as 'copy for x'; empty if none."""
-    pairs = zip(selection.ranking, selection.stands_in_for, strict=False)
-    return first([f'{short(s)} for {" and ".join(map(short, of))}' for s, of in pairs if of])
+def redundancies(selection: Selection) -> str:
+    """Return which sensors are redundant, as 'copy with x'; empty if none."""
+    pairs = zip(selection.ranking, selection.redundant_with, strict=False)
+    return first([f'{short(s)} with {" and ".join(map(short, of))}' for s, of in pairs if of])
 
 
 def is_news(selection: Selection, previous: Selection | None) -> bool:

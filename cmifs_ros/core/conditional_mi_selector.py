@@ -79,11 +79,11 @@ class ConditionalMISelector(SensorSelector):
     null_scores_ : numpy.ndarray, shape (len(ranking_), 3)
         5 %, median and 95 % of the scores that sensors which tell nothing have at the same place:
         a normal law fitted to six, each with its trajectories exchanged between the episodes.
-    spoke_by_ : list of tuple of int
-        The channels that spoke for each sensor: all of it, or those of many that tell something,
+    supporting_channels_ : list of tuple of int
+        The channels that support each sensor: all of it, or those of many that tell something,
         the best first; of one that never changed, none.
-    stands_in_for_ : list of tuple of int
-        For each sensor of the ranking, the confirmed ones for which it stands in: without one of
+    redundant_with_ : list of tuple of int
+        For each sensor of the ranking, the confirmed ones it is redundant with: without one of
         these there would be strong evidence for it, beside all of them it is not confirmed.
     num_duplicates_ : int
         Episodes that were there twice, states and rewards alike, and left out.
@@ -214,7 +214,9 @@ class ConditionalMISelector(SensorSelector):
         if living:
             findings, null, num_selected = self._search(samples, living, start)
         findings = [
-            f._replace(sensor=live[f.sensor], stands_in_for=tuple(live[i] for i in f.stands_in_for))
+            f._replace(
+                sensor=live[f.sensor], redundant_with=tuple(live[i] for i in f.redundant_with)
+            )
             for f in findings
         ]
         if self.num_features is None and dead:
@@ -257,7 +259,7 @@ class ConditionalMISelector(SensorSelector):
             [[c for f in rest for c in f.channels] for rest in before],
             np.random.default_rng([self.random_state, 3]),
         )
-        return [*found, *search.with_stand_ins(confirmed, others)], null, num_selected
+        return [*found, *search.with_redundant(confirmed, others)], null, num_selected
 
     def _keep_evidence(self, findings: list[Finding], null: np.ndarray) -> None:
         self.pvalues_ = np.array([finding.pvalue for finding in findings])
@@ -266,8 +268,8 @@ class ConditionalMISelector(SensorSelector):
             for p in self.pvalues_
         ]
         self.null_scores_ = null
-        self.spoke_by_ = [finding.channels for finding in findings]
-        self.stands_in_for_ = [finding.stands_in_for for finding in findings]
+        self.supporting_channels_ = [finding.channels for finding in findings]
+        self.redundant_with_ = [finding.redundant_with for finding in findings]
 
     def _backward(self, criterion, sensors):
         """Return what backward elimination leaves where the score is greatest."""

@@ -39,11 +39,11 @@ class Selection:
         the number of sensors; small is evidence.
     null_scores : tuple of (float, float, float)
         The score that a sensor telling nothing would have at the same place: 5 %, median, 95 %.
-    spoke_by : tuple of tuple of str
-        The channels that spoke for the sensor: all of it, or those of a group that tell something.
-    stands_in_for : tuple of tuple of str
-        The confirmed sensors for which the sensor stands in: without one of these there would be
-        strong evidence for it. A copy, or another reading of the same.
+    supporting_channels : tuple of tuple of str
+        The channels that support the sensor: all of it, or those of a group that tell something.
+    redundant_with : tuple of tuple of str
+        The confirmed sensors that the sensor is redundant with: without one of these there would
+        be strong evidence for it. A copy, or another reading of the same.
     stability : tuple of float
         Share of random halves of the episodes in which the sensor is selected; empty if not asked.
     outdated : int
@@ -69,8 +69,8 @@ class Selection:
     statuses: tuple[str, ...] = ()
     pvalues: tuple[float, ...] = ()
     null_scores: tuple[tuple[float, float, float], ...] = ()
-    spoke_by: tuple[tuple[str, ...], ...] = ()
-    stands_in_for: tuple[tuple[str, ...], ...] = ()
+    supporting_channels: tuple[tuple[str, ...], ...] = ()
+    redundant_with: tuple[tuple[str, ...], ...] = ()
     stability: tuple[float, ...] = ()
     outdated: int = 0
 
@@ -83,7 +83,7 @@ class Selection:
     @property
     def num_live(self) -> int:
         """How many sensors, the first of the ranking, ever changed: the rest has no score."""
-        return len(self.ranking) - self.spoke_by.count(())
+        return len(self.ranking) - self.supporting_channels.count(())
 
 
 def select(
@@ -123,10 +123,10 @@ def select(
     selector.fit(episodes, names=channel_names, start=start, progress=progress)
     outdated = 0
     if least_kept is not None and len(getattr(selector, 'pvalues_', ())):
-        spoke = zip(selector.spoke_by_, selector.statuses_, strict=True)
+        pairs = zip(selector.supporting_channels_, selector.statuses_, strict=True)
         outdated = num_outdated(
             episodes,
-            [channel for channels, status in spoke if status != REJECTED for channel in channels],
+            [channel for channels, status in pairs if status != REJECTED for channel in channels],
             least_kept=least_kept,
             gamma=selector.gamma,
             random_state=selector.random_state,
@@ -144,9 +144,11 @@ def select(
             'statuses': tuple(selector.statuses_),
             'pvalues': tuple(selector.pvalues_.tolist()),
             'null_scores': tuple(map(tuple, selector.null_scores_.tolist())),
-            'spoke_by': tuple(tuple(channel_names[c] for c in s) for s in selector.spoke_by_),
-            'stands_in_for': tuple(
-                tuple(selector.sensor_names_[i] for i in s) for s in selector.stands_in_for_
+            'supporting_channels': tuple(
+                tuple(channel_names[c] for c in s) for s in selector.supporting_channels_
+            ),
+            'redundant_with': tuple(
+                tuple(selector.sensor_names_[i] for i in s) for s in selector.redundant_with_
             ),
         }
     return Selection(

@@ -9,7 +9,7 @@ from math import inf
 from diagnostic_msgs.msg import DiagnosticStatus
 
 from cmifs_ros.collect.episodes.filter import StateFilter
-from cmifs_ros.collect.selection_report import headline, stand_ins
+from cmifs_ros.collect.selection_report import headline, redundancies
 from cmifs_ros.core.selection import Selection
 from cmifs_ros.core.words import counted, listed
 
@@ -78,8 +78,8 @@ def selection(
             'states without a selected channel': state_filter.num_lacking,
             'sensors that never changed': len(found.ranking) - found.num_live,
         }
-        replacing = stand_ins(found)
-        values |= {'stand-ins': replacing} if replacing else {}
+        redundant = redundancies(found)
+        values |= {'redundant': redundant} if redundant else {}
         for field in ('statuses', 'pvalues', 'stability'):
             shown = [
                 f'{sensor} {value if isinstance(value, str) else format(value, ".2g")}'

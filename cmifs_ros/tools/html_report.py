@@ -18,10 +18,10 @@ from cmifs_ros.core.words import counted
 from .ranking import (
     MAX_SHOWN,
     PLAIN_COLOR,
-    channels_that_spoke,
     draw_ranking,
     figure_of,
     label_of,
+    supporting_channels_of,
 )
 
 _STYLE = """
@@ -129,9 +129,9 @@ def _ranking_table(selection: Selection) -> str:
     columns += ['p'] if selection.pvalues else []
     columns += ['status'] if selection.statuses else []
     columns += ['selected in'] if selection.stability else []
-    spoke_by = channels_that_spoke(selection)
-    columns += ['by its channels'] if any(spoke_by) else []
-    columns += ['stands in for'] if any(selection.stands_in_for) else []
+    supporting_channels = supporting_channels_of(selection)
+    columns += ['supporting channels'] if any(supporting_channels) else []
+    columns += ['redundant with'] if any(selection.redundant_with) else []
     rows = [f'<tr>{"".join(f"<th>{name}</th>" for name in columns)}</tr>']
     for i in range(selection.num_live):
         cells = [_number(i + 1), f'<td class="name">{escape(selection.ranking[i])}</td>']
@@ -145,10 +145,10 @@ def _ranking_table(selection: Selection) -> str:
             cells.append(f'<td class="{status}">{status}</td>')
         if selection.stability:
             cells.append(_number(f'{selection.stability[i]:.0%}'))
-        if any(spoke_by):
-            cells.append(f'<td class="name">{escape(", ".join(spoke_by[i]))}</td>')
-        if any(selection.stands_in_for):
-            cells.append(f'<td class="name">{escape(", ".join(selection.stands_in_for[i]))}</td>')
+        if any(supporting_channels):
+            cells.append(f'<td class="name">{escape(", ".join(supporting_channels[i]))}</td>')
+        if any(selection.redundant_with):
+            cells.append(f'<td class="name">{escape(", ".join(selection.redundant_with[i]))}</td>')
         rows.append(f'<tr>{"".join(cells)}</tr>')
     constant = ', '.join(selection.ranking[selection.num_live :])
     more = f'<p>Never changed, and so tell nothing: {escape(constant)}</p>' if constant else ''

@@ -37,8 +37,10 @@ def num_taken(selection: Selection) -> int:
 
     These are the selected; without evidence, which tells them from the rest, it is all.
     """
-    spoke_by = selection.spoke_by or [selection.names] * len(selection.ranking)
-    return sum(bool(spoke) and set(spoke) <= set(selection.names) for spoke in spoke_by)
+    names = set(selection.names)
+    if not selection.supporting_channels:
+        return len(selection.ranking) if names else 0
+    return sum(bool(c) and names.issuperset(c) for c in selection.supporting_channels)
 
 
 def draw_ranking(selection: Selection):
@@ -96,13 +98,13 @@ def _listed(names: Sequence[str]) -> str:
     return ', '.join(names[:2]) + more
 
 
-def channels_that_spoke(selection: Selection) -> list[Sequence[str]]:
-    """Return the channels that spoke for each sensor, none where that is the sensor itself.
+def supporting_channels_of(selection: Selection) -> list[Sequence[str]]:
+    """Return the supporting channels of each sensor, none where that is the sensor itself.
 
-    Of sensors that never changed none spoke: they are left out.
+    Sensors that never changed have none and are left out.
     """
-    pairs = zip(selection.ranking, selection.spoke_by, strict=False)
-    return [() if spoke == (name,) else spoke for name, spoke in pairs][: selection.num_live]
+    pairs = zip(selection.ranking, selection.supporting_channels, strict=False)
+    return [() if c == (name,) else c for name, c in pairs][: selection.num_live]
 
 
 def ranking_text(selection: Selection) -> str:
@@ -115,9 +117,9 @@ def ranking_text(selection: Selection) -> str:
     rows[0] += ['p'] if selection.pvalues else []
     rows[0] += ['status'] if selection.statuses else []
     rows[0] += ['halves'] if selection.stability else []
-    spoke_by = list(map(_listed, channels_that_spoke(selection)))
-    rows[0] += ['by its channels'] if any(spoke_by) else []
-    rows[0] += ['stands in for'] if any(selection.stands_in_for) else []
+    supporting_channels = list(map(_listed, supporting_channels_of(selection)))
+    rows[0] += ['supporting channels'] if any(supporting_channels) else []
+    rows[0] += ['redundant with'] if any(selection.redundant_with) else []
     for i in range(selection.num_live):
         row = [str(i + 1), selection.ranking[i], f'{selection.scores[i]:.3f}']
         if selection.null_scores:
@@ -126,12 +128,14 @@ def ranking_text(selection: Selection) -> str:
         row += [f'{selection.pvalues[i]:.2g}'] if selection.pvalues else []
         row += [selection.statuses[i]] if selection.statuses else []
         row += [f'{selection.stability[i]:.0%}'] if selection.stability else []
-        row += [spoke_by[i]] if any(spoke_by) else []
-        if any(selection.stands_in_for):
-            row.append(_listed(selection.stands_in_for[i]))
+        row += [supporting_channels[i]] if any(supporting_channels) else []
+        if any(selection.redundant_with):
+            row.append(_listed(selection.redundant_with[i]))
         rows.append(row)
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    is_text = [name in ('sensor', 'status', 'by its channels', 'stands in for') for name in rows[0]]
+    is_text = [
+        name in ('sensor', 'status', 'supporting channels', 'redundant with') for name in rows[0]
+    ]
     lines = [
         '  '.join(
             cell.ljust(width) if left else cell.rjust(width)

@@ -151,8 +151,8 @@ def _selection_lines(values: Mapping[str, str]):
             f'{counted(values.get("episodes used", "?"), "episode")} '
             f'in {values.get("seconds taken", "?")} s'
         )
-    if 'stand-ins' in values:
-        yield _plain(f'stand-ins: {values["stand-ins"]}')
+    if 'redundant' in values:
+        yield _plain(f'redundant: {values["redundant"]}')
     worker = f'worker {values.get("worker", "?")}'
     if values.get('worker') == 'computing':
         worker += f' for {values.get("computing for s", "?")} s'

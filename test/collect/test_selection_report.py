@@ -7,8 +7,8 @@ from cmifs_ros.collect.selection_report import (
     headline,
     is_news,
     is_tentative,
+    redundancies,
     reply_of,
-    stand_ins,
 )
 from cmifs_ros.core.selection import Selection
 
@@ -40,17 +40,17 @@ def test_the_evidence_is_p_values_where_there_are_some_and_else_scores():
     assert evidence(CONFIRMED) == 'b (p 0.01); rejected a; 25 episodes, 60 steps, 1.2 s'
 
 
-def test_what_stands_in_for_what_is_told():
+def test_redundant_sensors_are_named():
     three = dataclasses.replace(
         PLAIN,
         ranking=('b', 'a', 'c', 'd'),
         statuses=('confirmed', 'confirmed', 'rejected', 'rejected'),
         pvalues=(0.01, 0.02, 1.0, 1.0),
-        stands_in_for=((), (), ('b', 'a'), ('b',)),
+        redundant_with=((), (), ('b', 'a'), ('b',)),
     )
-    assert stand_ins(three) == 'c for b and a, d for b'
-    assert '; rejected c, d; stand-ins: c for b and a, d for b; 25 episodes' in evidence(three)
-    assert stand_ins(PLAIN) == ''
+    assert redundancies(three) == 'c with b and a, d with b'
+    assert '; rejected c, d; redundant: c with b and a, d with b; 25 episodes' in evidence(three)
+    assert redundancies(PLAIN) == ''
 
 
 def test_a_long_name_does_not_hide_its_evidence():

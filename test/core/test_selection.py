@@ -26,5 +26,5 @@ def test_sensors_that_never_change_are_told_from_those_that_tell_nothing():
     episodes = [Episode(states, rng.normal(size=4)) for _ in range(6)]
     selection = select(episodes, ('clock', 'still'), 'conditional_mi', {})
     assert selection.ranking == ('clock', 'still')
-    assert selection.spoke_by == (('clock',), ())
+    assert selection.supporting_channels == (('clock',), ())
     assert selection.num_live == 1

@@ -31,11 +31,13 @@ SELECTION = Selection(
     statuses=('confirmed', 'tentative', 'rejected'),
     pvalues=(0.0012, 0.2, 0.9),
     null_scores=((-0.01, 0.0, 0.02), (0.24, 0.25, 0.27), (0.35, 0.36, 0.37)),
-    spoke_by=(('x',), ('y',), ('battery',)),
+    supporting_channels=(('x',), ('y',), ('battery',)),
     stability=(1.0, 0.75, 0.125),
 )
 #: As a method without evidence gives it.
-BARE = replace(SELECTION, statuses=(), pvalues=(), null_scores=(), spoke_by=(), stability=())
+BARE = replace(
+    SELECTION, statuses=(), pvalues=(), null_scores=(), supporting_channels=(), stability=()
+)
 
 
 class Page(HTMLParser):
@@ -76,29 +78,29 @@ def test_the_page_shows_the_evidence_of_each_sensor_and_what_was_dropped(tmp_pat
         assert f'|{cell}|' in row, (cell, row)
     assert any('|late|' in row and '|7|' in row for row in rows)
     assert not any('|lost|' in row for row in rows)
-    assert 'by its channels' not in page.source
+    assert 'supporting channels' not in page.source
     assert len(page.pictures) == 3
     assert all(data.startswith(b'\x89PNG') for data in page.pictures)
 
 
 def test_sensors_that_never_changed_stand_below_the_table(tmp_path):
-    still = replace(SELECTION, spoke_by=(*SELECTION.spoke_by[:2], ()))
+    still = replace(SELECTION, supporting_channels=(*SELECTION.supporting_channels[:2], ()))
     page = Page(write_report(tmp_path, still, make_episodes(), NAMES, {}))
     assert '<td class="name">battery</td>' not in page.source
     assert '<p>Never changed, and so tell nothing: battery</p>' in page.source
 
 
 def test_channels_are_named_where_they_are_not_the_sensor_itself(tmp_path):
-    grouped = replace(SELECTION, spoke_by=(('x',), ('y.sin', 'y.cos'), ('battery',)))
+    grouped = replace(SELECTION, supporting_channels=(('x',), ('y.sin', 'y.cos'), ('battery',)))
     page = Page(write_report(tmp_path, grouped, make_episodes(), NAMES, {}))
     cells = re.findall(r'<td class="name">([^<]*)</td></tr>', page.source)
     assert cells == ['', 'y.sin, y.cos', '']
 
 
-def test_what_a_sensor_stands_in_for_is_named(tmp_path):
-    replaced = replace(SELECTION, stands_in_for=((), (), ('x', 'y')))
+def test_the_page_names_what_a_sensor_is_redundant_with(tmp_path):
+    replaced = replace(SELECTION, redundant_with=((), (), ('x', 'y')))
     page = Page(write_report(tmp_path, replaced, make_episodes(), NAMES, {}))
-    assert '<th>stands in for</th>' in page.source
+    assert '<th>redundant with</th>' in page.source
     assert re.findall(r'<td class="name">([^<]*)</td></tr>', page.source) == ['', '', 'x, y']
 
 

@@ -11,7 +11,7 @@ FULL = replace(
     statuses=('confirmed', 'tentative', 'rejected'),
     pvalues=(0.0012, 0.2, 1.0),
     null_scores=((-0.01, 0.0, 0.02), (0.24, 0.25, 0.27), (0.35, 0.36, 0.37)),
-    spoke_by=(('x',), ('scan[6]', 'scan[7]', 'scan[8]', 'scan[9]'), ('still',)),
+    supporting_channels=(('x',), ('scan[6]', 'scan[7]', 'scan[8]', 'scan[9]'), ('still',)),
 )
 
 
@@ -43,21 +43,21 @@ def test_the_table_has_the_evidence_where_there_is_some():
     ]
 
 
-def test_the_table_says_what_stands_in_for_what():
-    head, *lines = ranking_text(replace(FULL, stands_in_for=((), ('x',), ()))).splitlines()
-    assert head.endswith('stands in for')
+def test_the_table_names_redundant_sensors():
+    head, *lines = ranking_text(replace(FULL, redundant_with=((), ('x',), ()))).splitlines()
+    assert head.endswith('redundant with')
     assert [line.endswith(' x') for line in lines] == [False, True, False]
 
 
 def test_sensors_that_never_changed_stand_below_the_table_and_in_no_picture():
-    still = replace(FULL, spoke_by=(*FULL.spoke_by[:2], ()))
+    still = replace(FULL, supporting_channels=(*FULL.supporting_channels[:2], ()))
     assert still.num_live == 2
     *_, last, below = ranking_text(still).splitlines()
     assert 'scan' in last
     assert below == 'never changed: still'
     axes = draw_ranking(still).figure.axes
     assert [label.get_text() for label in axes[-1].get_xticklabels()] == ['x', 'scan']
-    nothing = replace(still, spoke_by=((),) * 3)
+    nothing = replace(still, supporting_channels=((),) * 3)
     assert ranking_text(nothing).splitlines()[1:] == ['never changed: x, scan, still']
     draw_ranking(nothing)
 

@@ -56,9 +56,9 @@ def test_the_view_shows_input_selection_evidence_and_cost_within_80_columns():
 
 
 def test_what_could_take_the_place_of_what_is_told():
-    assert 'stand-ins' not in text_of(snapshot())
-    text = text_of(snapshot(values=SELECTION | {'stand-ins': 'battery for x'}))
-    assert 'stand-ins: battery for x' in text
+    assert 'redundant' not in text_of(snapshot())
+    text = text_of(snapshot(values=SELECTION | {'redundant': 'battery with x'}))
+    assert 'redundant: battery with x' in text
 
 
 def test_levels_are_told_by_words_not_by_colour_alone():

@@ -99,7 +99,7 @@ def test_a_file_of_the_version_before_is_read_without_evidence(tmp_path):
         ('statuses', ['sure', 'rejected']),
         ('pvalues', [0.1]),
         ('null_scores', [[1.0], [2.0]]),
-        ('stands_in_for', [[], [7]]),
+        ('redundant_with', [[], [7]]),
     ],
 )
 def test_evidence_that_cannot_be_is_refused(tmp_path, field, value):
