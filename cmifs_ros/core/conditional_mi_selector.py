@@ -17,10 +17,9 @@ from .samples import Samples, collect_samples, split_by_step
 from .search import Sensor, backward_elimination, forward_selection
 from .sensor_selector import Ranking, SensorSelector
 from .shadows import null_scores
+from .statuses import CONFIRMED, REJECTED, TENTATIVE
 from .stepwise import Finding, StepwiseSelection
 
-#: Statuses of a sensor.
-CONFIRMED, TENTATIVE, REJECTED = 'confirmed', 'tentative', 'rejected'
 #: Kernel widths of the default; the paper's grid is wider and finer, with the same results.
 WIDTHS = tuple(np.logspace(-1, 1.5, 6))
 #: A bin holds no more samples: neighbouring steps of an episode tell nearly the same.

@@ -41,6 +41,8 @@ class SensorSelector(ABC):
         That of a sensor that was not taken is with all that were.
     sensor_names_ : tuple of str
         Names of the sensors that `ranking_` counts.
+    sensor_channels_ : tuple of tuple of int
+        Their channels.
     num_features_ : int
         Number of sensors selected: the first of the ranking.
     feature_names_in_ : tuple of str
@@ -114,6 +116,7 @@ class SensorSelector(ABC):
         ranking = self._rank(episodes, names, sensors)
         self.feature_names_in_ = names
         self.sensor_names_ = sensor_names
+        self.sensor_channels_ = tuple(sensors)
         self.ranking_ = np.array(ranking.sensors, dtype=int)
         self.scores_ = np.array(ranking.scores)
         self.num_features_ = ranking.num_selected

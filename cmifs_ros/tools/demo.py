@@ -52,12 +52,12 @@ GO_ON = [
 NUM_SHOWN = 3
 _LINE_WIDTH = 68
 READING = """\
-score          what the return shares with this sensor and the selected before
-               it (of one not selected: with all of these); more sensors are
-               harder to learn from, so that it may fall without any harm done
-tells nothing  that score (5 % to 95 %) if this sensor told nothing
-p              how likely so much by chance; a test sharper than the score
-status         confirmed, tentative (more episodes may show it) or rejected"""
+score      what the return shares with this sensor and those selected before
+           it (if it is not selected: with all that are); it may fall, since
+           more sensors are harder to learn from, and that does no harm
+null band  the scores of an uninformative sensor there, 5 % to 95 %
+p          from a test of its own, which is sharper than the score
+status     confirmed, tentative (more episodes may settle it) or rejected"""
 NEXT = """\
 your own robot next, from what it publishes already (docs/robot_file.md):
   ros2 bag record -a --include-hidden-topics -o my_bag
@@ -268,7 +268,7 @@ def run(options: argparse.Namespace) -> None:
         meanwhile = len(received) - num_before
         # The last ones may be of the selected sensors already; all may have been missed.
         before = [line for line in received if len(line.split()) == count][-1:]
-        selection = selection_of(result | {'means': [], 'spreads': []})
+        selection = selection_of(result)
         print(
             f'answered after {selection.seconds:.1f} s of computing on {selection.episodes} '
             f'episodes, {selection.steps} steps'

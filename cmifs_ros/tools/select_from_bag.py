@@ -15,7 +15,7 @@ from cmifs_ros.collect.episodes import file as episode_file
 from cmifs_ros.collect.episodes.episode_check import problems_of_episodes
 from cmifs_ros.collect.episodes.reward_check import problem_of_rewards
 from cmifs_ros.collect.robot_file.reader import RobotFile, RobotFileError, load_robot_file
-from cmifs_ros.collect.selection_report import reply_of
+from cmifs_ros.collect.selection_fields import fields_of
 from cmifs_ros.core.words import counted
 
 from .arguments import file_to_write, folder_to_write, number_from
@@ -143,7 +143,7 @@ def _select(bags: list[BagEpisodes], robot: RobotFile | None, options) -> None:
     print(f'selected: {", ".join(selection.names) or "nothing"} ({selection.seconds:.1f} s)')
     options.out.mkdir(parents=True, exist_ok=True)
     written = [options.out / 'selection.json', options.out / 'selection.png']
-    written[0].write_text(json.dumps(reply_of(selection), indent=1) + '\n')
+    written[0].write_text(json.dumps(fields_of(selection), indent=1) + '\n')
     draw_ranking(selection).savefig(written[1], dpi=150)
     if options.episodes_file:
         # A selector that starts with a selection of nothing would publish nothing.

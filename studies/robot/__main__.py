@@ -24,7 +24,9 @@ from std_srvs.srv import Trigger
 from tqdm import tqdm
 
 from cmifs_ros.collect.episodes import file as episode_file
+from cmifs_ros.collect.selection_fields import selection_of
 from cmifs_ros.core import Episode
+from cmifs_ros.core.selection import Selection
 from cmifs_ros.ros.run_node import make_executor
 from cmifs_ros.tools import select_from_bag
 from cmifs_ros.tools.arguments import number_from
@@ -81,15 +83,15 @@ class Operator:
                 raise StudyError(f'waited {seconds:.0f} s in vain until {what}')
             self._executor.spin_once(0.05)
 
-    def select(self) -> dict:
-        """Return the selector's reply."""
+    def select(self) -> Selection:
+        """Return what the selector replies."""
         future = self._select.call_async(Trigger.Request())
         self.until(future.done, 'the selector answered', _SELECTION)
         reply = json.loads(future.result().message)
-        error = reply.pop('error', '')
-        if 'ranking' not in reply:  # Where nothing is selected, it is an error with a ranking.
+        error = reply.get('error', '')
+        if error:
             raise StudyError(f'the selector refuses: {error}')
-        return reply
+        return selection_of(reply)
 
     def close(self) -> None:
         """Leave the graph and end the bag."""
@@ -98,7 +100,7 @@ class Operator:
         self.recorder.close()
 
 
-def drive(folder: Path, options: argparse.Namespace) -> dict:
+def drive(folder: Path, options: argparse.Namespace) -> Selection:
     """Let the robot drive; leave `live` (episodes) and `bag`, and return the live selection."""
     (logs := folder / 'logs').mkdir()
     robot_command = ('-m', 'studies.robot.robot_node', str(options.goals), str(options.seed))
@@ -153,7 +155,7 @@ def run(options: argparse.Namespace) -> None:
             episode_file.read(folder / which, max_episodes=options.goals, max_bytes=10**9)
             for which in ('live', 'from_bag')
         )
-        from_bag = json.loads((folder / 'selection.json').read_text())
+        from_bag = selection_of(json.loads((folder / 'selection.json').read_text()))
     pairs = list(zip_longest(one.episodes, other.episodes))
     names = one.channel_names
     differing = {i: what for i, pair in enumerate(pairs) if (what := _difference(*pair, names))}
@@ -163,21 +165,37 @@ def run(options: argparse.Namespace) -> None:
             'message may have reached only one, where the machine is slow: --speed can be less'
         )
     print(f'the same {len(one.episodes)} episodes live and from the bag, byte for byte')
-    numbers = ('scores', 'pvalues', 'null_scores')
-    different = [k for k in live if k not in ('seconds', *numbers) and live[k] != from_bag.get(k)]
     # The node's linear algebra has one thread, which changes the last digits.
-    gap = max(
-        np.abs(np.subtract(live[k], from_bag[k])).max(initial=0) for k in numbers if k in live
-    )
-    if different or live.keys() != from_bag.keys() or gap > 1e-6:
+    gap = np.inf
+    if _words(live) == _words(from_bag):
+        gap = np.abs(np.subtract(_numbers(live), _numbers(from_bag))).max(initial=0)
+    if gap > 1e-6:
         raise StudyError(
-            f'the live selection and that of the bag differ in {different}, scores by {gap:.1g}: '
-            f'{live} {from_bag}'
+            f'the live selection and that of the bag differ, scores by {gap:.1g}: {live} {from_bag}'
         )
     print(
-        f'the same selection live and from the bag: {", ".join(live["names"]) or "nothing"} '
+        f'the same selection live and from the bag: {", ".join(live.names) or "nothing"} '
         f'(scores to {gap:.0e})'
     )
+
+
+def _words(selection: Selection) -> tuple:
+    """Return what two selections of the same data have to have in common exactly."""
+    return (
+        selection.indices,
+        selection.episodes,
+        selection.steps,
+        selection.outdated,
+        [
+            (s.name, s.channels, s.is_constant, s.status, s.supporting_channels, s.redundant_with)
+            for s in selection.sensors
+        ],
+    )
+
+
+def _numbers(selection: Selection) -> np.ndarray:
+    """Return scores and evidence of all sensors, one after the other."""
+    return np.concatenate([(s.score, s.pvalue, *(s.null_band or ())) for s in selection.sensors])
 
 
 def _difference(one: Episode | None, other: Episode | None, names: Sequence[str]) -> str:
