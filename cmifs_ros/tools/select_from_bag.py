@@ -19,7 +19,7 @@ from cmifs_ros.collect.selection_fields import fields_of
 from cmifs_ros.core.words import counted
 
 from .arguments import file_to_write, folder_to_write, number_from
-from .program import StudyError, exit_code
+from .program import CommandError, exit_code
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -70,7 +70,7 @@ def _run(options: argparse.Namespace) -> None:
             bags = _read(options.bags, robot, options)
             _select(bags, robot, options)
     except (BagError, RobotFileError, OSError) as error:
-        raise StudyError(str(error)) from error
+        raise CommandError(str(error)) from error
 
 
 def _read(paths: list[str], robot: RobotFile | None, options) -> list[BagEpisodes]:
@@ -125,7 +125,7 @@ def _select(bags: list[BagEpisodes], robot: RobotFile | None, options) -> None:
     names = next(bag.channel_names for bag in bags if bag.episodes)
     problem = problem_of_rewards(episodes)
     if problem:
-        raise StudyError(problem)
+        raise CommandError(problem)
     settings = {'num_features': options.num_features, 'n_jobs': os.cpu_count()}
     if robot and robot.groups:
         settings['groups'] = robot.groups
@@ -138,7 +138,7 @@ def _select(bags: list[BagEpisodes], robot: RobotFile | None, options) -> None:
         )
         (selection,) = Parallel(1)([job])
     except ValueError as error:  # of the settings or the episodes
-        raise StudyError(str(error)) from error
+        raise CommandError(str(error)) from error
     print(f'\n{ranking_text(selection)}\n')
     print(f'selected: {", ".join(selection.names) or "nothing"} ({selection.seconds:.1f} s)')
     options.out.mkdir(parents=True, exist_ok=True)

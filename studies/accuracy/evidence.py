@@ -13,15 +13,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cmifs_ros.tools.program import StudyError, exit_code
-from studies.methods import METHODS
-from studies.parallel_trials import finish
-from studies.tables import markdown_table
-from studies.tasks import TASKS, what_is_missing
-from studies.trial_log import TrialLog
-from studies.trials import Trial
-
-from .trial_arguments import add_log_argument, add_trial_arguments
+from cmifs_ros.tools.program import CommandError, exit_code
+from studies.methods.registry import METHODS
+from studies.tasks.registry import TASKS, what_is_missing
+from studies.trials.arguments import add_log, study_parser
+from studies.trials.log import TrialLog
+from studies.trials.parallel import finish
+from studies.trials.tables import markdown_table
+from studies.trials.trial import Trial
 
 #: Whether a trial shows what is asked for, from the names that were selected, in their order,
 #: and those that are relevant.
@@ -115,7 +114,7 @@ def run(options: argparse.Namespace) -> None:
     try:
         log = TrialLog(options.log)
     except (OSError, ValueError) as error:
-        raise StudyError(str(error)) from error
+        raise CommandError(str(error)) from error
     missing = {task: what_is_missing(task) for task in dict.fromkeys(row.task for row in ROWS)}
     for task, hint in missing.items():
         if hint:
@@ -158,11 +157,8 @@ def run(options: argparse.Namespace) -> None:
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the study; return the exit code."""
-    parser = argparse.ArgumentParser(
-        prog='evidence', description=' '.join(__doc__.split()), allow_abbrev=False
-    )
-    add_trial_arguments(parser)
-    add_log_argument(parser)
+    parser = study_parser('evidence', __doc__, first_seed=1000)
+    add_log(parser)
     options = parser.parse_args(arguments)
     kept = 'the same command continues where it stopped' if options.log else 'nothing is kept'
     return exit_code('evidence', lambda: run(options), kept)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import sys
 import tempfile
 import time
@@ -30,9 +29,9 @@ from cmifs_ros.core.selection import Selection
 from cmifs_ros.ros.run_node import make_executor
 from cmifs_ros.tools import select_from_bag
 from cmifs_ros.tools.arguments import number_from
-from cmifs_ros.tools.demo import DemoError, executable
-from cmifs_ros.tools.program import StudyError, exit_code
-from studies.soak.processes import Process, SoakError
+from cmifs_ros.tools.processes import executable, stay_apart
+from cmifs_ros.tools.program import CommandError, exit_code
+from studies.nodes.process import Process
 
 from .drive import TOPICS
 from .recorder import Recorder
@@ -80,7 +79,7 @@ class Operator:
         deadline = time.monotonic() + seconds
         while not condition():
             if time.monotonic() > deadline:
-                raise StudyError(f'waited {seconds:.0f} s in vain until {what}')
+                raise CommandError(f'waited {seconds:.0f} s in vain until {what}')
             self._executor.spin_once(0.05)
 
     def select(self) -> Selection:
@@ -90,7 +89,7 @@ class Operator:
         reply = json.loads(future.result().message)
         error = reply.get('error', '')
         if error:
-            raise StudyError(f'the selector refuses: {error}')
+            raise CommandError(f'the selector refuses: {error}')
         return selection_of(reply)
 
     def close(self) -> None:
@@ -144,13 +143,10 @@ def run(options: argparse.Namespace) -> None:
     """Drive, select live and from the bag, and compare."""
     with tempfile.TemporaryDirectory(prefix='cmifs_robot_') as name:
         folder = Path(name)
-        try:
-            live = drive(folder, options)
-        except (DemoError, SoakError) as error:
-            raise StudyError(str(error)) from error
+        live = drive(folder, options)
         arguments = [str(folder / 'bag'), '--robot', str(ROBOT_FILE), '--out', name]
         if select_from_bag.main([*arguments, '--episodes-file', str(folder / 'from_bag')]):
-            raise StudyError('select_from_bag failed')
+            raise CommandError('select_from_bag failed')
         one, other = (
             episode_file.read(folder / which, max_episodes=options.goals, max_bytes=10**9)
             for which in ('live', 'from_bag')
@@ -160,7 +156,7 @@ def run(options: argparse.Namespace) -> None:
     names = one.channel_names
     differing = {i: what for i, pair in enumerate(pairs) if (what := _difference(*pair, names))}
     if differing:
-        raise StudyError(
+        raise CommandError(
             f'live and from the bag, episodes differ, by number: {differing}; a best-effort '
             'message may have reached only one, where the machine is slow: --speed can be less'
         )
@@ -170,7 +166,7 @@ def run(options: argparse.Namespace) -> None:
     if _words(live) == _words(from_bag):
         gap = np.abs(np.subtract(_numbers(live), _numbers(from_bag))).max(initial=0)
     if gap > 1e-6:
-        raise StudyError(
+        raise CommandError(
             f'the live selection and that of the bag differ, scores by {gap:.1g}: {live} {from_bag}'
         )
     print(
@@ -221,8 +217,7 @@ def main(arguments: list[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     if not 0.1 <= options.speed <= 20:
         parser.error(f'--speed is {options.speed:g}; expected 0.1 to 20')
-    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-    os.environ.setdefault('ROS_DOMAIN_ID', str(1 + os.getpid() % 100))
+    stay_apart()
     return exit_code('robot', lambda: run(options), 'its nodes are ended')
 
 

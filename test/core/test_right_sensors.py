@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from cmifs_ros.core import ConditionalMISelector
-from studies.synthetic import WORLDS, rollout_synthetic
+from studies.tasks.synthetic import WORLDS, rollout_synthetic
 
 SEEDS = range(3)
 

@@ -13,11 +13,11 @@ from cmifs_ros.core.conditional_mi_selector import WIDTHS
 from cmifs_ros.core.samples import step_samples
 from cmifs_ros.core.search import forward_selection
 from cmifs_ros.core.shadows import exchange
-from studies.paper.alternatives import READINGS, rank_read
-from studies.paper.direct_port import rank_directly
 
+from .direct_port import rank_directly
 from .forests import FORESTS
 from .peers import ESTIMATORS, information_by_channel
+from .readings import READINGS, rank_read
 
 #: The name of each method and what tables call it.
 METHODS = {
@@ -192,21 +192,3 @@ def _of_sensors(channels, scores, parts: list[tuple[int, ...]], count: int) -> R
     for channel, score in zip(channels, scores, strict=True):
         first.setdefault(owner[channel], score)
     return Ranking(tuple(first)[:count], tuple(first.values())[:count])
-
-
-def rank_sum(ranking: Sequence[int], relevant: Sequence[int], num_channels: int) -> float:
-    """Return the sum of the ranks, from 1, of the relevant channels.
-
-    A channel that was not ranked counts as if the rest followed in random order.
-    """
-    unranked = (len(ranking) + 1 + num_channels) / 2
-    places = {channel: place for place, channel in enumerate(ranking, start=1)}
-    return sum(places.get(channel, unranked) for channel in relevant)
-
-
-def mean_and_error(values: Sequence[float]) -> tuple[float, float]:
-    """Return mean and standard error; a single value has an error of 0."""
-    values = np.array(values, dtype=float)
-    if len(values) == 1:
-        return float(values[0]), 0.0
-    return float(values.mean()), float(values.std(ddof=1) / np.sqrt(len(values)))
