@@ -77,7 +77,7 @@ class ConditionalMISelector(SensorSelector):
         'confirmed', 'tentative' or 'rejected', for each sensor of the ranking.
     null_scores_ : numpy.ndarray, shape (len(ranking_), 3)
         5 %, median and 95 % of the scores that sensors which tell nothing have at the same place:
-        a normal law fitted to six, each with its trajectories exchanged between the episodes.
+        a prediction from six, each with its trajectories exchanged between the episodes.
     supporting_channels_ : list of tuple of int
         The channels that support each sensor: all of it, or those of many that tell something,
         the best first; of one that never changed, none.

@@ -97,7 +97,7 @@ class Selection:
     outdated : int
         How many of the oldest episodes no longer fit the newest, and were left out.
     number : int
-        Counts the selections that a node puts to use, from 1; 0 if it is not in use.
+        Tells apart the selections that a node puts to use, and grows; 0 if it is not in use.
 
     """
 

@@ -25,8 +25,9 @@ _MAX_WHOLE = 3
 class Finding(NamedTuple):
     """A sensor, the channels that speak for it, the criterion with them, and its evidence.
 
-    The p-value is corrected for the number of candidates that were left (Holm). `redundant_with`
-    are the confirmed sensors without one of which there would be strong evidence for this one.
+    The p-value is corrected for the number of candidates that were left (Bonferroni).
+    `redundant_with` are the confirmed sensors without one of which there would be strong evidence
+    for this one.
     """
 
     sensor: int

@@ -4,7 +4,7 @@ import numpy as np
 
 from cmifs_ros.core import ConditionalMISelector, Episode
 from cmifs_ros.core.selection import select
-from studies.synthetic import WORLDS, rollout_synthetic
+from studies.tasks.synthetic import WORLDS, rollout_synthetic
 
 
 def test_what_matters_is_selected_from_most_halves():
