@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from numbers import Real
+from typing import Any
 
 import numpy as np
 
@@ -126,7 +127,7 @@ class ConditionalMISelector(SensorSelector):
     @classmethod
     def paper(cls, num_features: int | None = None, **options) -> ConditionalMISelector:
         """Return a selector set as in the paper: raw features, Equation (10), B = M, all steps."""
-        paper = {
+        paper: dict[str, Any] = {
             'criterion': 'plug_in',
             'standardize': False,
             'max_time_bins': None,
@@ -157,7 +158,7 @@ class ConditionalMISelector(SensorSelector):
     @property
     def _bins(self) -> int | None:
         """The number of time bins where the data do not choose it."""
-        return MOST_BINS if self.max_time_bins == 'auto' else self.max_time_bins
+        return MOST_BINS if isinstance(self.max_time_bins, str) else self.max_time_bins
 
     def _rank(self, episodes, names, sensors):
         self._check_parameters()
@@ -280,11 +281,8 @@ class ConditionalMISelector(SensorSelector):
 
     def _criterion(self, samples: Samples, bins: int | None) -> ConditionalMI:
         is_default = self.criterion == 'held_out'
-        estimator = Lsmi(
-            criterion=self.criterion,
-            num_centers=self.num_centers,
-            **({'widths': WIDTHS} if is_default else {}),
-        )
+        widths: dict[str, Any] = {'widths': WIDTHS} if is_default else {}
+        estimator = Lsmi(criterion=self.criterion, num_centers=self.num_centers, **widths)
         steps = split_by_step(
             samples,
             max_time_bins=bins,

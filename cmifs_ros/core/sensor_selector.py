@@ -65,7 +65,7 @@ class SensorSelector(ABC):
 
     @abstractmethod
     def _rank(
-        self, episodes: list[Episode], names: tuple[str, ...], sensors: list[Sensor]
+        self, episodes: list[Episode], names: Sequence[str], sensors: list[Sensor]
     ) -> Ranking:
         """Rank the sensors; raise ValueError for a bad parameter."""
 

@@ -134,7 +134,7 @@ class StepwiseSelection:
 
     def _units(self, sensor: int) -> list[Sensor]:
         channels = self._sensors[sensor]
-        single = [(channel,) for channel in channels]
+        single: list[Sensor] = [(channel,) for channel in channels]
         return [*single, channels] if 1 < len(channels) <= _MAX_WHOLE else single
 
     def _given(self, taken: Sequence[Finding]) -> list[int]:

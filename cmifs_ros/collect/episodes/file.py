@@ -213,6 +213,7 @@ def _chunks(saved: Saved) -> Iterator[bytes]:
         and fields_of(selection) | {'means': selection.means, 'spreads': selection.spreads},
         'selected_at': saved.selected_at,
     }
+    parts: list[bytes | memoryview]
     parts, size = [_MAGIC + b'%d\n' % VERSION, json.dumps(header).encode(), b'\n'], 0
     for episode in saved.episodes:
         parts += _arrays(episode)
@@ -223,7 +224,7 @@ def _chunks(saved: Saved) -> Iterator[bytes]:
     yield b''.join(parts)
 
 
-def _arrays(episode: Episode) -> list[memoryview]:
+def _arrays(episode: Episode) -> list[bytes | memoryview]:
     return [np.ascontiguousarray(v, _VALUE).data for v in (episode.states, episode.rewards)]
 
 
@@ -273,7 +274,8 @@ def read(path: str | os.PathLike, max_episodes: int, max_bytes: int) -> Saved:
             )
         if lengths and not channel_names:
             raise RefusedFileError(f'has {counted(len(lengths), "episode")} without channels')
-        places = deque(maxlen=max_episodes)  # the first byte and the length of an episode
+        # The first byte and the length of each episode.
+        places: deque[tuple[int, int]] = deque(maxlen=max_episodes)
         begin = file.tell()
         for length in lengths:
             places.append((begin, length))
