@@ -58,7 +58,14 @@ def num_outdated(
         c for c in channels if abs(samples.states[:, c] @ age) <= _MOST_CORRELATED * len(age)
     ]
     samples = samples.with_channels(is_after)
-    test = ConditionalTest(samples, gamma, random_state, level=_LEVEL, ordered=False)
+    test = ConditionalTest(
+        samples,
+        {'return': samples.returns},
+        discount=gamma,
+        random_state=random_state,
+        level=_LEVEL,
+        ordered=False,
+    )
     pvalues = test([(num_channels + i,) for i in range(len(moments))], timeless)
     clearest = int(np.argmin(pvalues))
     is_change = pvalues[clearest] * len(moments) <= _LEVEL

@@ -24,43 +24,38 @@ whitened in two degrees; the p-values of all these are combined by a Cauchy comb
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
-from numba import njit
 
-from .chance import combined_pvalue, resampled_pvalues, sign_flip_pvalue
 from .drift import cosines, num_cosines
-from .kernel_regression import (
-    KernelRegression,
-    corrected_residual,
-    residual,
-    squared_distances,
-)
+from .effect import Effect, EffectEstimator
+from .episode_rows import EpisodeRows
+from .kernel_regression import KernelRegression, residual, squared_distances
+from .products import Products
 from .samples import Samples, normal_scores, standardized
 
-#: More rows are thinned evenly: neighbouring steps of an episode are nearly the same.
-_MAX_ROWS = 32_000
-_NUM_FOLDS = 5
 #: Gaussians that explain the target by what is given, and those that are functions of the sensor.
 _NUM_CENTERS, _NUM_FUNCTIONS = 50, 60
-#: How far the functions are whitened: the strongest alone, and all but the weakest.
-_WHITENINGS = np.array([1e-1, 1e-2])
 #: lambda of the TD residual.
 _LAMBDAS = (0.6, 1.0)
-_MAX_SHIFTS = 300
 #: Share of its variance that a channel must have for itself.
 _LEAST_OWN_SHARE = 1e-3
 
 
 class ConditionalTest:
-    """Test channels given others and the time step.
+    """Test channels given others, the action and the time step, and estimate what they add.
 
     Parameters
     ----------
     samples : Samples
-    gamma : float
-        Discount factor of the returns.
+    targets : mapping of str to numpy.ndarray, shape (N,)
+        Variables of the target by their names.
+    discount : float
+        Discount factor where the target is a return; 0 where a step's target is its own.
+    of_given : bool
+        Variable c of the target counts where channel c is given, and only then.
     random_state : int
         Seed of folds and centres.
     level : float
@@ -68,213 +63,170 @@ class ConditionalTest:
     ordered : bool
         Whether the order of the episodes is that of time: then slow drift is taken out, and
         episodes are shifted in their order; else in a random one.
+    n_jobs : int
+        Threads that share the candidates.
 
     """
 
     def __init__(
         self,
         samples: Samples,
-        gamma: float,
-        random_state: int,
+        targets: Mapping[str, np.ndarray],
         *,
+        discount: float = 0.0,
+        of_given: bool = False,
+        random_state: int = 0,
         level: float = 0.05,
         ordered: bool = True,
+        n_jobs: int = 1,
     ):
-        self._level = level
-        rng = np.random.default_rng([random_state, 1])
-        stride = -(-len(samples.step) // _MAX_ROWS)
-        rows = np.flatnonzero((samples.step + samples.owner) % stride == 0)
-        returns = samples.returns[rows]
-        self._returns = standardized(np.column_stack([returns, normal_scores(returns)]))
-        self._states = standardized(samples.states[rows])
-        self._discount = gamma**stride
-        self._step = standardized(samples.step[rows].astype(float))
-        kept, self._owner = np.unique(samples.owner[rows], return_inverse=True)
-        self._actions = standardized(samples.actions[rows])
-        self._sources = _pooled(samples.sources[kept])
-        self._starts = np.flatnonzero(np.diff(self._owner, prepend=-1))
-        self._lengths = np.diff(self._starts, append=len(rows))
-        num_episodes = len(kept)
-        num_folds = min(_NUM_FOLDS, num_episodes)
-        self._folds = (rng.permutation(num_episodes) * num_folds // num_episodes)[self._owner]
-        centers = rng.permutation(len(rows))
-        self._centers, self._functions = centers[:_NUM_CENTERS], centers[:_NUM_FUNCTIONS]
-        self._fixed = self._source_means()
-        self._ordered = ordered
-        self._order = np.arange(num_episodes) if ordered else rng.permutation(num_episodes)
-        self._shifts = self._cyclic_shifts()
-        self._known: dict[tuple, float] = {}
+        self._level, self._of_given, self._n_jobs = level, of_given, n_jobs
+        self._rows = rows = EpisodeRows(samples, random_state, ordered)
+        self._names = list(targets)
+        self._targets = np.column_stack([targets[name][rows.index] for name in self._names])
+        self._discount = discount**rows.stride
+        self._known: dict[tuple, dict[str, float]] = {}
 
-    def __call__(self, candidates: Sequence[Sequence[int]], given: Sequence[int]) -> np.ndarray:
-        """Return the p-value of each candidate, some channels, given others: shape (C,).
+    def pvalues(
+        self, candidates: Sequence[Sequence[int]], given: Sequence[int]
+    ) -> list[dict[str, float]]:
+        """Return the p-value of each candidate, some channels, for each variable of the target.
 
-        Nothing is corrected for the number of candidates. Each is computed once.
+        Nothing is corrected for the number of candidates or variables. Each is computed once.
         """
         keys = [(tuple(channels), frozenset(given)) for channels in candidates]
         new = [key for key in dict.fromkeys(keys) if key not in self._known]
         if new:
-            pvalues = self._test([list(channels) for channels, _ in new], sorted(given))
-            self._known.update(zip(new, pvalues, strict=True))
-        return np.array([self._known[key] for key in keys])
+            found = self._test([channels for channels, _ in new], sorted(given))
+            self._known.update(zip(new, found, strict=True))
+        return [self._known[key] for key in keys]
 
-    def _test(self, candidates, given) -> Iterator[float]:
-        points = np.column_stack([self._states[:, given], self._actions, self._step])
-        regression = KernelRegression(
-            points, self._centers, self._folds, self._fixed, max_rank=len(self._lengths) // 2
+    def effects(
+        self, candidates: Sequence[Sequence[int]], given: Sequence[int]
+    ) -> list[dict[str, Effect]]:
+        """Return what each candidate, some channels, adds to each variable of the target."""
+        columns, given = self._columns(given), _Given(self._rows, given)
+        targets = standardized(self._targets[:, columns])
+        spaces = given.regression.tuned(targets)
+        estimators = {
+            self._names[c]: EffectEstimator(
+                target, given.regression.basis(space), self._rows.starts
+            )
+            for c, target, space in zip(columns, targets.T, spaces, strict=True)
+        }
+
+        def of_candidate(families):
+            functions = np.hstack(families) if families else np.empty((len(targets), 0))
+            return {name: estimator.effect(functions) for name, estimator in estimators.items()}
+
+        return self._for_each(of_candidate, candidates, given)
+
+    def _test(self, candidates, given) -> list[dict[str, float]]:
+        columns = self._columns(given)
+        names = [self._names[c] for c in columns]
+        if not columns:
+            return [{}] * len(candidates)
+        given = _Given(self._rows, given)
+        left = self._residuals(given.regression, self._targets[:, columns])
+        basis = given.regression.basis(given.regression.jointly_tuned(left))
+        basis = self._with_drift(basis, left)
+        products = Products(
+            residual(left, basis), basis, self._rows.starts, self._rows.shifts, self._level
         )
-        left = self._td_residuals(regression)
-        basis = self._with_drift(regression.basis(regression.jointly_tuned(left)), left)
-        left = residual(left, basis)
-        products = _Products(left, basis, self._starts, self._shifts, self._level)
-        channels = list(dict.fromkeys(c for candidate in candidates for c in candidate))
-        spaces = dict(zip(channels, regression.tuned(self._states[:, channels]), strict=True))
-        of_given = self._gaussians(points)
-        bases = {space: regression.basis(space) for space in set(spaces.values())}
-        for candidate in candidates:
-            own = np.hstack([residual(self._states[:, [c]], bases[spaces[c]]) for c in candidate])
-            own = own[:, own.var(axis=0) > _LEAST_OWN_SHARE]
-            if own.size:
-                own = own / own.std(axis=0)
-                yield products.pvalue([_polynomials(own, points), self._bumps(own, of_given)])
-            else:
-                yield 1.0
+        variables = [range(k, left.shape[1], len(columns)) for k in range(len(columns))]
 
-    def _td_residuals(self, regression: KernelRegression) -> np.ndarray:
-        """Return what is left of the returns less a part of what is left at the next row."""
+        def of_candidate(families):
+            pvalues = products.pvalues(families, variables) if families else [1.0] * len(names)
+            return dict(zip(names, pvalues, strict=True))
+
+        return self._for_each(of_candidate, candidates, given)
+
+    def _for_each(self, of_candidate: Callable, candidates, given: _Given) -> list:
+        """Return what a function gives for the functions of each candidate."""
+        own = given.own(candidates)
+        if self._n_jobs == 1:
+            return [of_candidate(given.functions(o)) for o in own]
+        with ThreadPoolExecutor(self._n_jobs) as threads:
+            return list(threads.map(lambda o: of_candidate(given.functions(o)), own))
+
+    def _columns(self, given) -> list[int]:
+        """Return the variables of the target that vary, of those that count given some channels."""
+        columns = sorted(given) if self._of_given else range(len(self._names))
+        return [c for c in columns if np.ptp(self._targets[:, c]) > 0]
+
+    def _residuals(self, regression: KernelRegression, targets: np.ndarray) -> np.ndarray:
+        """Return what is left of targets (N, q), variant after variant: each of shape (N, q)."""
+        both = standardized(np.hstack([targets, normal_scores(targets)]))
         left = np.column_stack(
             [
-                residual(self._returns[:, [k]], regression.basis(space))
-                for k, space in enumerate(regression.tuned(self._returns))
+                residual(both[:, [k]], regression.basis(space))
+                for k, space in enumerate(regression.tuned(both))
             ]
         )
-        following = np.append(left[1:], np.zeros_like(left[:1]), axis=0)
-        following[self._starts[1:] - 1] = 0.0
-        return np.hstack([left - share * self._discount * following for share in _LAMBDAS])
-
-    def _source_means(self) -> np.ndarray:
-        """Return orthonormal columns (N, sources): each source has its own mean (fixed effects)."""
-        sources, of_episode = np.unique(self._sources, return_inverse=True)
-        columns = (of_episode[self._owner][:, None] == np.arange(len(sources))).astype(float)
-        return columns / np.sqrt(columns.sum(axis=0))
+        if not self._discount:
+            return left
+        following = self._discount * self._rows.following(left)
+        return np.hstack([left - share * following for share in _LAMBDAS])
 
     def _with_drift(self, basis: np.ndarray, left: np.ndarray) -> np.ndarray:
         """Return the basis with slow cosines of level and slope, where the residuals drift."""
-        if not self._ordered:
-            return basis
-        means = np.add.reduceat(residual(left, basis), self._starts) / self._lengths[:, None]
-        count = num_cosines(means, self._lengths / self._lengths.mean())
+        rows = self._rows
+        means = rows.means(residual(left, basis))
+        count = num_cosines(means, rows.lengths / rows.lengths.mean()) if rows.is_ordered else 0
         if not count:
             return basis
-        slow = cosines(len(means), count)[self._owner]
-        drift = residual(np.hstack([slow, slow * self._step[:, None]]), basis)
+        slow = cosines(len(means), count)[rows.owner]
+        drift = residual(np.hstack([slow, slow * rows.step[:, None]]), basis)
         columns, sizes, _ = np.linalg.svd(drift, full_matrices=False)
         return np.hstack([basis, columns[:, sizes > 1e-6 * sizes[0]]])
+
+
+class _Given:
+    """Given channels with the action and the step: what they explain, and functions beside them."""
+
+    def __init__(self, rows: EpisodeRows, channels: Sequence[int]):
+        self._states = rows.states
+        self._functions = rows.shuffled[:_NUM_FUNCTIONS]
+        self._points = np.column_stack([rows.states[:, sorted(channels)], rows.actions, rows.step])
+        self.regression = KernelRegression(
+            self._points,
+            rows.shuffled[:_NUM_CENTERS],
+            rows.folds,
+            rows.source_means,
+            max_rank=len(rows.lengths) // 2,
+        )
+        self._bumps = self._gaussians(self._points)
+
+    def own(self, candidates: Sequence[Sequence[int]]) -> list[np.ndarray]:
+        """Return what the given do not explain of each candidate's channels, shapes (N, k)."""
+        channels = list(dict.fromkeys(c for candidate in candidates for c in candidate))
+        spaces = self.regression.tuned(self._states[:, channels])
+        bases = {space: self.regression.basis(space) for space in set(spaces)}
+        left = {
+            c: residual(self._states[:, [c]], bases[space])
+            for c, space in zip(channels, spaces, strict=True)
+        }
+        own = [np.hstack([left[c] for c in candidate]) for candidate in candidates]
+        return [o[:, o.var(axis=0) > _LEAST_OWN_SHARE] for o in own]
+
+    def functions(self, own: np.ndarray) -> list[np.ndarray]:
+        """Return two families of functions of what a candidate has for itself: shapes (N, k).
+
+        Products with itself and with each given channel are few, so that few episodes show them;
+        Gaussians of it and the given channels together see any shape.
+        """
+        if not own.size:
+            return []
+        own = own / own.std(axis=0)
+        squares = np.hstack([own[:, [i]] * own[:, i:] for i in range(own.shape[1])])
+        with_given = [own[:, [i]] * self._points for i in range(own.shape[1])]
+        bumps = self._gaussians(own)
+        bumps -= bumps.mean(axis=0)  # no function of the given channels alone
+        return [
+            np.hstack([own, *with_given, squares - squares.mean(axis=0)]),
+            np.hstack([bumps * self._bumps, own]),
+        ]
 
     def _gaussians(self, points):
         distances = squared_distances(points, points[self._functions])
         return np.exp(distances / (-2 * points.shape[1]))
-
-    def _bumps(self, own, of_given):
-        """Return Gaussians of what the sensor has for itself and of what is given: (N, k)."""
-        of_sensor = self._gaussians(own)
-        of_sensor -= of_sensor.mean(axis=0)  # no function of the given channels alone
-        return np.hstack([of_sensor * of_given, own])
-
-    def _cyclic_shifts(self) -> np.ndarray:
-        """Return the row whose residual each row has in each shift, shape (shifts, N).
-
-        An episode takes the residuals, step by step, from those so many episodes later that are as
-        long; where a source has its own mean, of the same source.
-        """
-        rank_in_order = np.empty_like(self._order)
-        rank_in_order[self._order] = np.arange(len(self._order))
-        sources = np.unique(self._sources, return_inverse=True)[1][self._owner]
-        place = np.arange(len(self._owner)) - self._starts[self._owner]
-        order = np.lexsort((rank_in_order[self._owner], place, sources))
-        cells = np.unique(np.column_stack([sources, place]), axis=0, return_inverse=True)[1]
-        cells = cells.ravel()
-        counts = np.bincount(cells)
-        first = (np.cumsum(counts) - counts)[cells]
-        rank = np.empty(len(order), dtype=int)
-        rank[order] = np.arange(len(order))
-        count, rank = counts[cells], rank - first
-        num_episodes = len(self._order)
-        num_shifts = min(_MAX_SHIFTS, num_episodes - 1)
-        by = np.linspace(1, num_episodes - 1, num_shifts).round() / num_episodes
-        return np.array(
-            [order[first + (rank + np.round(share * count).astype(int)) % count] for share in by]
-        )
-
-
-class _Products:
-    """Products of residuals (N, q), orthogonal to a basis (N, r), with functions of a sensor."""
-
-    def __init__(self, left, basis, starts, shifts, level):
-        lengths = np.diff(starts, append=len(left))
-        # Between the number of steps and its root grows the deviation of an episode's sum.
-        weights = np.repeat(np.sqrt(lengths.mean() / lengths), lengths)[:, None]
-        self._left = left * weights
-        self._errors = corrected_residual(left, basis, starts) * weights
-        self._basis = basis
-        self._in_basis = basis.T @ self._left
-        self._basis_products = _sums_of_products(basis, self._errors, starts)
-        self._starts, self._shifts, self._level = starts, shifts, level
-
-    def pvalue(self, families: Sequence[np.ndarray]) -> float:
-        """Return the p-value of functions (N, k) in families, each of which is whitened."""
-        signs, prepared = [], []
-        for functions in families:
-            coefficients = self._basis.T @ functions
-            gram = (functions.T @ functions - coefficients.T @ coefficients) / len(functions)
-            variances, axes = np.linalg.eigh(gram)
-            kept = variances > 1e-9 * variances[-1]
-            variances, axes = variances[kept], axes[:, kept]
-            weights = 1 / (variances[:, None] + variances[-1] * _WHITENINGS)
-            total = axes.T @ (functions.T @ self._left - coefficients.T @ self._in_basis)
-            statistics = (total**2).T @ weights
-            products = _sums_of_products(functions, self._errors, self._starts)
-            products = (products - self._basis_products @ coefficients) @ axes
-            signs += [
-                sign_flip_pvalue(statistics[q, w], products[:, q] * np.sqrt(weights[:, w]))
-                for q, w in np.ndindex(statistics.shape)
-            ]
-            prepared.append((functions, coefficients, axes, weights, statistics))
-        pvalue = combined_pvalue(signs)
-        return max(pvalue, self._by_shifts(prepared)) if pvalue <= self._level else pvalue
-
-    def _by_shifts(self, prepared) -> float:
-        pvalues: list[float] = []
-        for functions, coefficients, axes, weights, statistics in prepared:
-            left = functions @ axes - self._basis @ (coefficients @ axes)
-            for errors, observed in zip(self._errors.T, statistics, strict=True):
-                drawn = (errors[self._shifts] @ left) ** 2 @ weights
-                pvalues += resampled_pvalues(observed, drawn)
-        return combined_pvalue(pvalues)
-
-
-@njit(cache=True, nogil=True, fastmath={'contract', 'reassoc', 'nsz', 'arcp'})
-def _sums_of_products(functions, residuals, starts):
-    """Return the sums over each episode of residuals (N, q) times functions (N, k): (M, q, k)."""
-    sums = np.zeros((len(starts), residuals.shape[1], functions.shape[1]))
-    episode = -1
-    for row in range(len(functions)):
-        if episode + 1 < len(starts) and starts[episode + 1] == row:
-            episode += 1
-        for q in range(residuals.shape[1]):
-            value = residuals[row, q]
-            for k in range(functions.shape[1]):
-                sums[episode, q, k] += value * functions[row, k]
-    return sums
-
-
-def _pooled(sources: np.ndarray) -> np.ndarray:
-    """Return the sources; those of a single episode, which has nothing beside it, are one."""
-    names, which, counts = np.unique(sources, return_inverse=True, return_counts=True)
-    return np.where(counts[which] > 1, names[which], '')
-
-
-def _polynomials(own, given):
-    """Return products of what the sensor has for itself with itself and the given: (N, k)."""
-    squares = [own[:, [i]] * own[:, i:] for i in range(own.shape[1])]
-    with_given = [own[:, [i]] * given for i in range(own.shape[1])]
-    return np.hstack([own, *with_given, *[square - square.mean(axis=0) for square in squares]])

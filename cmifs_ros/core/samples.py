@@ -22,6 +22,8 @@ class Samples:
     states : numpy.ndarray, shape (N, v)
     owner, step : numpy.ndarray of int, shape (N,)
         Episode and time step of each row; the rows of an episode follow each other.
+    rewards : numpy.ndarray, shape (N,), optional
+        The reward of each step; by default 0.
     actions : numpy.ndarray, shape (N, a), optional
         The actions taken; by default none.
     sources : numpy.ndarray of str, shape (M,), optional
@@ -33,10 +35,13 @@ class Samples:
     states: np.ndarray
     owner: np.ndarray
     step: np.ndarray
+    rewards: np.ndarray = field(default=None)  # type: ignore[assignment]
     actions: np.ndarray = field(default=None)  # type: ignore[assignment]
     sources: np.ndarray = field(default=None)  # type: ignore[assignment]
 
     def __post_init__(self):
+        if self.rewards is None:
+            object.__setattr__(self, 'rewards', np.zeros(len(self.returns)))
         if self.actions is None:
             object.__setattr__(self, 'actions', np.empty((len(self.returns), 0)))
         if self.sources is None:
@@ -45,6 +50,25 @@ class Samples:
     def with_channels(self, columns: np.ndarray) -> Samples:
         """Return the same samples with further channels (N, k) behind their own."""
         return replace(self, states=np.hstack([self.states, columns]))
+
+    def without_actions(self) -> Samples:
+        """Return the same samples without the actions."""
+        return replace(self, actions=self.actions[:, :0])
+
+    def transitions(self) -> tuple[Samples, np.ndarray]:
+        """Return the samples that another step follows, and the states (N', v) of that step."""
+        rows = np.flatnonzero(self.owner[1:] == self.owner[:-1])
+        present, owner = np.unique(self.owner[rows], return_inverse=True)
+        before = Samples(
+            self.returns[rows],
+            self.states[rows],
+            owner,
+            self.step[rows],
+            self.rewards[rows],
+            self.actions[rows],
+            self.sources[present],
+        )
+        return before, self.states[rows + 1]
 
 
 @dataclass(frozen=True)
@@ -100,7 +124,8 @@ def collect_samples(episodes: Sequence[Episode], *, gamma: float, standardize: b
     owner = np.repeat(np.arange(len(episodes)), lengths)
     step = np.concatenate([np.arange(length) for length in lengths])
     sources = np.array([episode.source for episode in episodes])
-    return Samples(returns, states, owner, step, actions, sources)
+    rewards = np.concatenate([episode.rewards for episode in episodes])
+    return Samples(returns, states, owner, step, rewards, actions, sources)
 
 
 def split_by_step(

@@ -1,0 +1,80 @@
+"""How much a sensor adds: the share of the target's variance that it predicts beside others."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy import special
+
+from .kernel_regression import corrected_residual, residual
+from .products import sums_of_products
+
+#: Directions of functions that vary less, as a share of the greatest, are left out: they add noise.
+_LEAST_VARIANCE = 1e-2
+
+
+class Effect(NamedTuple):
+    """Share of the target's variance that a sensor adds, and its standard error.
+
+    The estimate is unbiased, so that of an uninformative sensor it is negative half of the time.
+    """
+
+    share: float
+    error: float
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """The 95 % confidence interval."""
+        reach = special.ndtri(0.975) * self.error
+        return self.share - reach, self.share + reach
+
+    @property
+    def upper_bound(self) -> float:
+        """What the share does not exceed, with 95 % confidence."""
+        return self.share + special.ndtri(0.95) * self.error
+
+
+class EffectEstimator:
+    """Estimate what functions of a sensor add to the prediction of a target from what is given.
+
+    Parameters
+    ----------
+    target : numpy.ndarray, shape (N,)
+        Of mean 0 and variance 1.
+    basis : numpy.ndarray, shape (N, r)
+        Orthonormal columns that predict the target from what is given.
+    starts : numpy.ndarray of int, shape (M,)
+        The first row of each episode.
+
+    """
+
+    def __init__(self, target: np.ndarray, basis: np.ndarray, starts: np.ndarray):
+        self._left = residual(target[:, None], basis)
+        self._errors = corrected_residual(self._left, basis, starts)
+        self._basis, self._starts = basis, starts
+        self._squares = np.add.reduceat(target**2, starts)
+
+    def effect(self, functions: np.ndarray) -> Effect:
+        """Return the share of the target's variance that functions (N, k) add.
+
+        With coefficients b on functions of variance 1 that are orthogonal to the basis, the share
+        is b'b. The square of each episode's part of b is left out of it, so that noise adds
+        nothing (a U-statistic, Hoeffding 1948). Its variance is that of the episodes' influence
+        on the share, and that which remains where the share is 0.
+        """
+        functions = residual(functions, self._basis)
+        variances, axes = np.linalg.eigh(functions.T @ functions / len(functions))
+        kept = variances > _LEAST_VARIANCE * variances[-1]
+        functions = functions @ (axes[:, kept] / np.sqrt(variances[kept]))
+        coefficients = functions.T @ self._left[:, 0] / len(functions)
+        parts = sums_of_products(functions, self._errors, self._starts)[:, 0] / len(functions)
+        share = coefficients @ coefficients - (parts * parts).sum()
+        predicted = functions @ coefficients
+        gains = 2 * predicted * self._left[:, 0] - predicted**2
+        influence = np.add.reduceat(gains, self._starts) - share * self._squares
+        influence = (influence - influence.mean()) / len(functions)
+        parts = parts - parts.mean(axis=0)
+        gram, own = parts.T @ parts, (parts * parts).sum(axis=1)
+        at_zero = 2 * ((gram * gram).sum() - own @ own)
+        return Effect(float(share), float(np.sqrt(max(at_zero, 0.0) + influence @ influence)))

@@ -1,0 +1,105 @@
+"""The rows of samples that a test looks at, and how the episodes they belong to may be compared."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .samples import Samples, standardized
+
+#: More rows are thinned evenly: neighbouring steps of an episode are nearly the same.
+_MAX_ROWS = 32_000
+_NUM_FOLDS = 5
+_MAX_SHIFTS = 300
+
+
+class EpisodeRows:
+    """Some rows of samples, in the order of their episodes.
+
+    Parameters
+    ----------
+    samples : Samples
+    random_state : int
+        Seed of folds, centres and, where it means nothing, the order of the episodes.
+    ordered : bool
+        Whether the order of the episodes is that of time.
+
+    Attributes
+    ----------
+    index : numpy.ndarray of int, shape (N,)
+        Which of the samples they are.
+    stride : int
+        Every so many steps of an episode is a row.
+    states, actions : numpy.ndarray, shapes (N, v), (N, a)
+    step : numpy.ndarray, shape (N,)
+    owner : numpy.ndarray of int, shape (N,)
+        The episode of each row.
+    starts, lengths : numpy.ndarray of int, shape (M,)
+        The first row and the number of rows of each episode.
+    folds : numpy.ndarray of int, shape (N,)
+        Cross-validation folds of whole episodes.
+    shuffled : numpy.ndarray of int, shape (N,)
+        All rows in random order, to draw centres from.
+    source_means : numpy.ndarray, shape (N, sources)
+        Orthonormal columns that give each source its own mean (fixed effects).
+    shifts : numpy.ndarray of int, shape (S, N)
+        The row that takes the place of each in each cyclic shift of the episodes.
+
+    """
+
+    def __init__(self, samples: Samples, random_state: int, ordered: bool):
+        rng = np.random.default_rng([random_state, 1])
+        self.stride = -(-len(samples.step) // _MAX_ROWS)
+        self.index = np.flatnonzero((samples.step + samples.owner) % self.stride == 0)
+        self.states = standardized(samples.states[self.index])
+        self.actions = standardized(samples.actions[self.index])
+        self.step = standardized(samples.step[self.index].astype(float))
+        present, self.owner = np.unique(samples.owner[self.index], return_inverse=True)
+        self.starts = np.flatnonzero(np.diff(self.owner, prepend=-1))
+        self.lengths = np.diff(self.starts, append=len(self.owner))
+        num_episodes = len(present)
+        num_folds = min(_NUM_FOLDS, num_episodes)
+        self.folds = (rng.permutation(num_episodes) * num_folds // num_episodes)[self.owner]
+        self.shuffled = rng.permutation(len(self.owner))
+        sources = _pooled(samples.sources[present])[self.owner]
+        columns = (sources[:, None] == np.unique(sources)).astype(float)
+        self.source_means = columns / np.sqrt(columns.sum(axis=0))
+        self.is_ordered = ordered
+        order = np.arange(num_episodes) if ordered else rng.permutation(num_episodes)
+        self.shifts = self._cyclic_shifts(sources, order)
+
+    def means(self, values: np.ndarray) -> np.ndarray:
+        """Return the mean of values (N, k) in each episode: shape (M, k)."""
+        return np.add.reduceat(values, self.starts) / self.lengths[:, None]
+
+    def following(self, values: np.ndarray) -> np.ndarray:
+        """Return values (N, k) of the next row of the episode, 0 at its end."""
+        following = np.append(values[1:], np.zeros_like(values[:1]), axis=0)
+        following[self.starts[1:] - 1] = 0.0
+        return following
+
+    def _cyclic_shifts(self, sources, order) -> np.ndarray:
+        """Return the shifts of episodes that stand in an order.
+
+        An episode takes the place of one so many places before it, step by step; where episodes of
+        a step are fewer, by fewer places. Sources do not mix.
+        """
+        place = np.arange(len(self.owner)) - self.starts[self.owner]
+        turn = np.argsort(order)[self.owner]
+        rows = np.lexsort((turn, place, sources))
+        cells = np.column_stack([np.unique(sources, return_inverse=True)[1], place])
+        cells = np.unique(cells, axis=0, return_inverse=True)[1].ravel()
+        counts = np.bincount(cells)
+        first, count = (np.cumsum(counts) - counts)[cells], counts[cells]
+        rank = np.argsort(rows) - first
+        num_episodes = len(order)
+        by = np.linspace(1, num_episodes - 1, min(_MAX_SHIFTS, num_episodes - 1)).round()
+        return np.array(
+            [rows[first + (rank + np.round(b * count / num_episodes).astype(int)) % count]
+             for b in by]
+        )  # fmt: skip
+
+
+def _pooled(sources: np.ndarray) -> np.ndarray:
+    """Return the sources; those of a single episode, which has nothing beside it, are one."""
+    names, which, counts = np.unique(sources, return_inverse=True, return_counts=True)
+    return np.where(counts[which] > 1, names[which], '')

@@ -1,0 +1,127 @@
+"""Products of what is left of the target and of functions of a sensor, and their p-values."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from .chance import combined_pvalue, resampled_pvalues, sign_flip_pvalue
+from .kernel_regression import corrected_residual
+
+#: How far functions are whitened in the test: the strongest alone, and all but the weakest.
+_WHITENINGS = np.array([1e-1, 1e-2])
+
+
+class _Whitened(NamedTuple):
+    """A family of functions (N, k) along principal axes of what the basis does not explain."""
+
+    functions: np.ndarray
+    coefficients: np.ndarray  # of the functions on the basis, (r, k)
+    axes: np.ndarray  # (k, a)
+    weights: np.ndarray  # of the squared products, for each whitening, (a, s)
+    products: np.ndarray  # of each episode with each residual, (M, q, a)
+    statistics: np.ndarray  # (q, s)
+
+
+class Products:
+    """Residuals of the target, to be multiplied with functions of a sensor.
+
+    Parameters
+    ----------
+    left : numpy.ndarray, shape (N, q)
+        Residuals, orthogonal to the basis.
+    basis : numpy.ndarray, shape (N, r)
+        Orthonormal columns that the given channels span.
+    starts : numpy.ndarray of int, shape (M,)
+        The first row of each episode.
+    shifts : numpy.ndarray of int, shape (S, N)
+        The row whose residual each row has in each cyclic shift.
+    level : float
+        p-value by signs up to which episodes are shifted as well.
+
+    """
+
+    def __init__(
+        self,
+        left: np.ndarray,
+        basis: np.ndarray,
+        starts: np.ndarray,
+        shifts: np.ndarray,
+        level: float,
+    ):
+        lengths = np.diff(starts, append=len(left))
+        # The deviation of an episode's sum grows faster than the root of its number of steps.
+        weights = np.repeat(np.sqrt(lengths.mean() / lengths), lengths)[:, None]
+        self._left = left * weights
+        self._errors = corrected_residual(left, basis, starts) * weights
+        self._basis = basis
+        self._in_basis = basis.T @ self._left
+        self._basis_products = sums_of_products(basis, self._errors, starts)
+        self._starts, self._shifts, self._level = starts, shifts, level
+
+    def pvalues(
+        self, families: Sequence[np.ndarray], variables: Sequence[Sequence[int]]
+    ) -> list[float]:
+        """Return the p-value of each variable of the target.
+
+        Parameters
+        ----------
+        families : sequence of numpy.ndarray, shapes (N, k)
+            Functions of a sensor, each family whitened by itself.
+        variables : sequence of sequence of int
+            The columns of the residuals that belong to each variable.
+
+        """
+        whitened = [self._whitened(functions) for functions in families]
+        pvalues = []
+        for columns in variables:
+            signs = [
+                sign_flip_pvalue(statistic, w.products[:, column] * np.sqrt(weights))
+                for column in columns
+                for w in whitened
+                for statistic, weights in zip(w.statistics[column], w.weights.T, strict=True)
+            ]
+            pvalue = combined_pvalue(signs)
+            if pvalue <= self._level:
+                pvalue = max(pvalue, self._by_shifts(whitened, columns))
+            pvalues.append(pvalue)
+        return pvalues
+
+    def _whitened(self, functions: np.ndarray) -> _Whitened:
+        coefficients = self._basis.T @ functions
+        gram = (functions.T @ functions - coefficients.T @ coefficients) / len(functions)
+        variances, axes = np.linalg.eigh(gram)
+        kept = variances > 1e-9 * variances[-1]
+        variances, axes = variances[kept], axes[:, kept]
+        weights = 1 / (variances[:, None] + variances[-1] * _WHITENINGS)
+        products = sums_of_products(functions, self._errors, self._starts)
+        products = (products - self._basis_products @ coefficients) @ axes
+        total = (self._left.T @ functions - self._in_basis.T @ coefficients) @ axes
+        return _Whitened(functions, coefficients, axes, weights, products, total**2 @ weights)
+
+    def _by_shifts(self, whitened: Sequence[_Whitened], columns: Sequence[int]) -> float:
+        pvalues: list[float] = []
+        for w in whitened:
+            functions = w.functions @ w.axes - self._basis @ (w.coefficients @ w.axes)
+            for column in columns:
+                drawn = (self._errors[:, column][self._shifts] @ functions) ** 2 @ w.weights
+                pvalues += resampled_pvalues(w.statistics[column], drawn)
+        return combined_pvalue(pvalues)
+
+
+@njit(cache=True, nogil=True, fastmath={'contract', 'reassoc', 'nsz', 'arcp'})
+def sums_of_products(functions, residuals, starts):
+    """Return the sums over each episode of residuals (N, q) times functions (N, k): (M, q, k)."""
+    sums = np.zeros((len(starts), residuals.shape[1], functions.shape[1]))
+    episode = -1
+    for row in range(len(functions)):
+        if episode + 1 < len(starts) and starts[episode + 1] == row:
+            episode += 1
+        for q in range(residuals.shape[1]):
+            value = residuals[row, q]
+            for k in range(functions.shape[1]):
+                sums[episode, q, k] += value * functions[row, k]
+    return sums

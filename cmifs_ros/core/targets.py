@@ -1,0 +1,94 @@
+"""What sensors are asked about: the return, the action, or all that a controller needs.
+
+`return`
+    The paper's question: what does the return of the recorded policy depend on, given the action?
+`decision`
+    What does a controller need that is to be learned or changed? Sensors on which the reward
+    depends given the action, and sensors that predict these at the next step, and so on: with them
+    the state is Markov (the recursion of Castelletti, Galelli, Restelli & Soncini-Sessa, Tree-based
+    feature selection for dimensionality reduction of large-scale control systems, 2011).
+`action`
+    What does the recorded controller look at? Needs no reward.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import reduce
+from operator import or_
+
+import numpy as np
+
+from .chance import combined_pvalue
+from .effect import Effect
+from .evidence import ConditionalTest
+from .samples import Samples
+
+TARGETS = RETURN, DECISION, ACTION = ('return', 'decision', 'action')
+#: Why a sensor is needed by a decision, beside 'predicts NAME'.
+REWARD = 'reward'
+
+
+class TargetTest:
+    """Test channels given others for one of `TARGETS`; a target may consist of several variables.
+
+    Parameters
+    ----------
+    samples : Samples
+    target : str
+        One of `TARGETS`.
+    names : sequence of str
+        Names of the channels.
+    action_names : sequence of str
+    gamma : float
+        Discount factor of the return.
+    options
+        As of `ConditionalTest`.
+
+    """
+
+    def __init__(
+        self,
+        samples: Samples,
+        target: str,
+        names: Sequence[str],
+        action_names: Sequence[str],
+        gamma: float,
+        **options,
+    ):
+        if target == RETURN:
+            test = ConditionalTest(samples, {RETURN: samples.returns}, discount=gamma, **options)
+            self._tests = [test]
+        elif target == ACTION:
+            actions = dict(zip(action_names, samples.actions.T, strict=True))
+            self._tests = [ConditionalTest(samples.without_actions(), actions, **options)]
+        else:
+            before, after = samples.transitions()
+            predicted = {f'predicts {n}': of_n for n, of_n in zip(names, after.T, strict=True)}
+            self._tests = [
+                ConditionalTest(samples, {REWARD: samples.rewards}, **options),
+                ConditionalTest(before, predicted, of_given=True, **options),
+            ]
+
+    def __call__(self, candidates: Sequence[Sequence[int]], given: Sequence[int]) -> np.ndarray:
+        """Return the p-value of each candidate, some channels, given others: shape (C,).
+
+        That over all variables of the target; nothing is corrected for the number of candidates.
+        """
+        of_candidates = self._of_all('pvalues', candidates, given)
+        return np.array([combined_pvalue(list(of.values())) for of in of_candidates])
+
+    def why(self, candidate: Sequence[int], given: Sequence[int]) -> str:
+        """Return the variable for which the evidence for a candidate is strongest."""
+        (pvalues,) = self._of_all('pvalues', [candidate], given)
+        return min(pvalues, key=pvalues.__getitem__)
+
+    def effects(self, candidates: Sequence[Sequence[int]], given: Sequence[int]) -> list[Effect]:
+        """Return what each candidate adds, to the variable for which it may be most."""
+        of_candidates = self._of_all('effects', candidates, given)
+        return [max(of.values(), key=lambda effect: effect.upper_bound) for of in of_candidates]
+
+    def _of_all(self, what: str, candidates, given) -> list[dict]:
+        """Return what the tests say of each candidate, for all variables by their names."""
+        of_tests = [getattr(test, what)(candidates, given) for test in self._tests]
+        return [reduce(or_, of_candidate) for of_candidate in zip(*of_tests, strict=True)]
