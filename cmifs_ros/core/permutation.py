@@ -1,4 +1,4 @@
-"""Does the return depend on any sensor at all? Compared with what sensors said elsewhere."""
+"""A permutation test of whether the return depends on any sensor at all."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ MakeCriterion = Callable[[list[Episode]], Criterion]
 
 
 class PermutationTest(NamedTuple):
-    """Result of a permutation test; the names are SciPy's.
+    """Result of a permutation test, named as in SciPy.
 
     Attributes
     ----------
     statistic : float
-        The best score that a single sensor has.
+        The best score of a single sensor.
     pvalue : float
         (1 + number of permutations whose statistic is no smaller) / (1 + number of permutations).
     null_distribution : numpy.ndarray, shape (n_permutations,)
@@ -42,7 +42,7 @@ def permutation_test(
 ) -> PermutationTest:
     """Test whether the return depends on any single sensor.
 
-    `ConditionalMISelector.permutation_test` tells how.
+    See `ConditionalMISelector.permutation_test`.
     """
 
     def best_score(states):

@@ -1,6 +1,6 @@
-"""Shadows of a sensor: what it might have said if it told nothing about the return.
+"""Shadows: artificial uninformative sensors, whose scores give the null band.
 
-The idea is that of Boruta (Kursa & Rudnicki, Feature selection with the Boruta package, 2010).
+The idea is from Boruta (Kursa & Rudnicki, Feature selection with the Boruta package, 2010).
 """
 
 from __future__ import annotations
@@ -12,18 +12,18 @@ import numpy as np
 from .samples import Samples
 from .search import Criterion
 
-#: Shadows for each place of the ranking.
+#: Number of shadows for each place of the ranking.
 _NUM_SHADOWS = 6
-#: 5 %, median and 95 % of a normal law, in standard deviations.
+#: 5 %, median and 95 % of a normal distribution, in standard deviations.
 _BAND = np.array([-1.645, 0.0, 1.645])
 
 
 def exchange(trajectories: Sequence[np.ndarray], rng: np.random.Generator) -> list[np.ndarray]:
-    """Return trajectories, arrays (T, v), that changed places at random.
+    """Return the trajectories, arrays (T, v), randomly permuted over the episodes.
 
-    Each place keeps its length T. Where a trajectory ends before its new place does, it is
-    continued by the one that took its own place, and so on: each value is used exactly once and
-    stays at its step. With equal lengths all stay whole.
+    Each episode keeps its length T. If a trajectory is shorter than its new episode, the trajectory
+    that took its own place continues it, and so on. So each value is used exactly once and stays at
+    its step. With equal lengths all trajectories remain whole.
     """
     successor = rng.permutation(len(trajectories))
     lengths = np.array([len(trajectory) for trajectory in trajectories])
@@ -47,26 +47,27 @@ def null_scores(
     places: Sequence[Sequence[int]],
     rng: np.random.Generator,
 ) -> np.ndarray:
-    """Return the scores that sensors which tell nothing have beside others.
+    """Return the scores of uninformative sensors in combination with given channels.
 
-    Of channels drawn at random whole trajectories change places: neighbouring steps are not
-    independent of each other, and a shadow keeps its course in time.
+    A shadow is a randomly drawn channel whose whole trajectories are permuted over the episodes.
+    This preserves the dependence between neighbouring steps.
 
     Parameters
     ----------
     make_criterion : callable
-        Gives the criterion of samples.
+        Returns the criterion for given samples.
     samples : Samples
     channels : sequence of int
-        Those of which shadows are made.
+        The channels from which shadows are made.
     places : sequence of sequence of int
-        The channels beside which a shadow is scored; the same ones are scored once.
+        For each place, the channels together with which a shadow is scored; equal places are
+        scored once.
     rng : numpy.random.Generator
 
     Returns
     -------
     numpy.ndarray, shape (len(places), 3)
-        5 %, median and 95 % at each place, of a normal law with mean and deviation of the shadows.
+        5 %, median and 95 % at each place, of a normal distribution fitted to the shadows.
 
     """
     starts = np.flatnonzero(np.diff(samples.owner)) + 1
@@ -78,7 +79,7 @@ def null_scores(
     ]
     first = samples.states.shape[1]
     criterion = make_criterion(samples.with_channels(np.column_stack(shadows)))
-    # Of equal places the criterion scores one.
+    # The criterion caches equal subsets.
     beside = ([[*given, first + i] for i in range(_NUM_SHADOWS)] for given in places)
     scores = [criterion(subsets) for subsets in beside]
     return np.array([of.mean() + of.std(ddof=1) * _BAND for of in scores])
