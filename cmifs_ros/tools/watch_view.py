@@ -179,7 +179,7 @@ def _number(text: str) -> int:
 
 
 def _age(seconds: str) -> str:
-    if not seconds.isdigit():
+    if not seconds.isdecimal():
         return '?'
     minutes, seconds = divmod(int(seconds), 60)
     hours, minutes = divmod(minutes, 60)
