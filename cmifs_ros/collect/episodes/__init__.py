@@ -1,1 +1,1 @@
-"""From states and rewards to episodes: pairing, buffer, file and filter."""
+"""From states and rewards to episodes: pairing, buffer, file, filter."""
