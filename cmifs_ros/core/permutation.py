@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from .episode import Episode
-from .search import Criterion, Sensor
+from .conditional_mi_selector import ConditionalMISelector
+from .episode import Episode, as_episodes
 from .shadows import exchange
-
-MakeCriterion = Callable[[list[Episode]], Criterion]
 
 
 class PermutationTest(NamedTuple):
@@ -34,23 +32,45 @@ class PermutationTest(NamedTuple):
 
 
 def permutation_test(
-    make_criterion: MakeCriterion,
-    episodes: Sequence[Episode],
-    sensors: Sequence[Sensor],
-    n_permutations: int,
-    random_state: int,
+    selector: ConditionalMISelector,
+    episodes,
+    names: Sequence[str] | None = None,
+    *,
+    n_permutations: int = 99,
 ) -> PermutationTest:
     """Test whether the return depends on any single sensor.
 
-    See `ConditionalMISelector.permutation_test`.
+    The statistic is the best score of a single sensor, the first of a forward selection. Whole
+    trajectories of states, with all their channels, are permuted over the episodes; the rewards
+    stay. If the return is independent of the states, all permutations are equally likely, and the
+    p-value is uniform on 1/(n + 1), 2/(n + 1), ..., 1. With unequal lengths (see
+    `shadows.exchange`) this requires that the lengths are independent of the states too.
+
+    Parameters
+    ----------
+    selector : ConditionalMISelector
+        Its settings define the score. It need not be fitted, and is not changed.
+    episodes, names
+        As in `ConditionalMISelector.fit`.
+    n_permutations : int
+        Each costs one round of the search; the p-value is at least 1 / (n_permutations + 1).
+
+    Raises
+    ------
+    ValueError
+        If a parameter or the data are invalid; the message names the value.
+
     """
+    if n_permutations < 1:
+        raise ValueError(f'n_permutations is {n_permutations}; expected at least 1')
+    episodes = as_episodes(episodes)
 
     def best_score(states):
         pairs = zip(states, episodes, strict=True)
-        criterion = make_criterion([Episode(s, episode.rewards) for s, episode in pairs])
-        return float(criterion(sensors).max())
+        exchanged = [Episode(s, episode.rewards) for s, episode in pairs]
+        return float(selector.single_scores(exchanged, names).max())
 
-    rng = np.random.default_rng([random_state, 2])
+    rng = np.random.default_rng([selector.random_state, 2])
     states = [episode.states for episode in episodes]
     statistic = best_score(states)
     null = np.array([best_score(exchange(states, rng)) for _ in range(n_permutations)])

@@ -8,14 +8,18 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
+from scipy import special
 
 from .samples import Samples
 from .search import Criterion
 
 #: Number of shadows for each place of the ranking.
 _NUM_SHADOWS = 6
-#: 5 %, median and 95 % of a normal distribution, in standard deviations.
-_BAND = np.array([-1.645, 0.0, 1.645])
+#: 5 %, median and 95 % of a further shadow, in standard deviations of the shadows: the prediction
+#: interval of a normal distribution with estimated mean and deviation,
+#: mean +- t(0.95, n - 1) sqrt(1 + 1/n) s.
+_FACTOR = special.stdtrit(_NUM_SHADOWS - 1, 0.95) * np.sqrt(1 + 1 / _NUM_SHADOWS)
+_BAND = np.array([-_FACTOR, 0.0, _FACTOR])
 
 
 def exchange(trajectories: Sequence[np.ndarray], rng: np.random.Generator) -> list[np.ndarray]:
@@ -67,7 +71,8 @@ def null_scores(
     Returns
     -------
     numpy.ndarray, shape (len(places), 3)
-        5 %, median and 95 % at each place, of a normal distribution fitted to the shadows.
+        5 %, median and 95 % at each place: a further shadow lies within this band with
+        probability 0.9 if the scores of shadows are normal.
 
     """
     starts = np.flatnonzero(np.diff(samples.owner)) + 1

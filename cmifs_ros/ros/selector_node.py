@@ -17,7 +17,7 @@ from rclpy.clock_type import ClockType
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Header, Int32MultiArray
+from std_msgs.msg import Header, Int32MultiArray, String
 from std_srvs.srv import Trigger
 
 from cmifs_ros.collect.episodes.buffer import EpisodeBuffer
@@ -25,13 +25,13 @@ from cmifs_ros.collect.episodes.drift import Drift
 from cmifs_ros.collect.episodes.file import Saved
 from cmifs_ros.collect.episodes.filter import StateFilter
 from cmifs_ros.collect.episodes.reward_check import problem_of_rewards
+from cmifs_ros.collect.selection_fields import fields_of
 from cmifs_ros.collect.selection_report import (
     change,
     evidence,
     headline,
     is_news,
     is_tentative,
-    reply_of,
 )
 from cmifs_ros.core import Episode
 from cmifs_ros.core.selection import Selection
@@ -86,6 +86,7 @@ class SelectorNode(Node):
         self._generation = 0  # counts how often the episodes were thrown away
         self._selection: Selection | None = None
         self._selected_at = -math.inf
+        self._number = 0  # of the newest selection that was used
         self._cause = ''  # of the selection
         self._selected_from: Sequence[Episode] = ()
         self._so_far = NOTHING_SO_FAR  # level and message where nothing is confirmed
@@ -99,6 +100,7 @@ class SelectorNode(Node):
         self._indices_publisher = self.create_publisher(
             Int32MultiArray, 'selected_indices', LATCHED_QOS
         )
+        self._selection_publisher = self.create_publisher(String, 'selection', LATCHED_QOS)
         self._scores_publisher = self.create_publisher(JointState, 'scores', LATCHED_QOS)
         self._state_publisher = self.create_publisher(JointState, 'selected_state', STREAM_QOS)
         self._diagnostics_publisher = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
@@ -237,7 +239,7 @@ class SelectorNode(Node):
         if outcome.selection is None:
             counts = {'episodes': len(self._buffer), 'min_episodes': self._settings['min_episodes']}
             return {'error': outcome.error} | counts
-        reply = reply_of(outcome.selection)
+        reply = fields_of(outcome.selection)
         return reply | {'error': outcome.error} if outcome.error else reply
 
     def _make_job(self, cause: str) -> Job:
@@ -297,15 +299,18 @@ class SelectorNode(Node):
             return outcome
         if is_news(selection, self._selection):
             self.get_logger().info(f'{headline(selection)}: {evidence(selection)}')
+        selection = dataclasses.replace(selection, number=self._number + 1)
         self._use(selection, time.monotonic(), outcome.cause)
         self._save()
-        return outcome
+        return dataclasses.replace(outcome, selection=selection)
 
     def _use(self, selection: Selection, selected_at: float, cause: str) -> None:
         self._selection, self._selected_at, self._cause = selection, selected_at, cause
+        self._number = selection.number
         self._so_far = NOTHING_SO_FAR
         self._filter = StateFilter(selection.names)
         self._drift = Drift(selection, self._settings['min_episodes'])
+        self._selection_publisher.publish(String(data=json.dumps(fields_of(selection))))
         self._indices_publisher.publish(conversions.indices_to_msg(selection.indices))
         header = Header(stamp=self.get_clock().now().to_msg())
         self._scores_publisher.publish(
@@ -324,7 +329,9 @@ class SelectorNode(Node):
         self._revision += 1
         if saved.selection is not None:
             age = max(0.0, time.time() - saved.selected_at)
-            self._use(saved.selection, time.monotonic() - age, 'read from the file')
+            # One that `select_from_bag` has written was never in use.
+            selection = dataclasses.replace(saved.selection, number=saved.selection.number or 1)
+            self._use(selection, time.monotonic() - age, 'read from the file')
         self._save()
 
     def _save(self) -> None:

@@ -9,15 +9,12 @@ from math import inf
 from diagnostic_msgs.msg import DiagnosticStatus
 
 from cmifs_ros.collect.episodes.filter import StateFilter
-from cmifs_ros.collect.selection_report import headline, stand_ins
+from cmifs_ros.collect.selection_report import headline
 from cmifs_ros.core.selection import Selection
 from cmifs_ros.core.words import counted, listed
 
 from . import diagnostics
 from .selection_queue import SelectionQueue
-
-#: Of so many sensors, the first of the ranking, the evidence is shown.
-MAX_SENSORS = 40
 
 
 def selection(
@@ -69,6 +66,7 @@ def selection(
     }
     if found is not None:
         values |= {
+            'number': found.number,
             'names': listed(found.names),
             'indices': listed([str(index) for index in found.indices]),
             'age in s': f'{age:.0f}',
@@ -76,16 +74,7 @@ def selection(
             'episodes used': found.episodes,
             'seconds taken': f'{found.seconds:.2f}',
             'states without a selected channel': state_filter.num_lacking,
-            'sensors that never changed': len(found.ranking) - found.num_live,
         }
-        replacing = stand_ins(found)
-        values |= {'stand-ins': replacing} if replacing else {}
-        for field in ('statuses', 'pvalues', 'stability'):
-            shown = [
-                f'{sensor} {value if isinstance(value, str) else format(value, ".2g")}'
-                for sensor, value in zip(found.ranking, getattr(found, field), strict=False)
-            ]
-            values |= {field: ', '.join(shown[:MAX_SENSORS])} if shown else {}
     if error:
         level, message = diagnostics.ERROR, error
     elif found is None and so_far[1]:
