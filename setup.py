@@ -37,7 +37,7 @@ setup(
     zip_safe=True,
     maintainer='cmifs_ros maintainers',
     maintainer_email='maintainers@users.noreply.example.com',
-    description="Selects the sensors that a robot's return depends on, while the robot runs.",
+    description="Selects the sensors that a robot's return depends on, live or from bags.",
     license='Apache-2.0',
     entry_points={
         'console_scripts': [

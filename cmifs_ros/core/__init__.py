@@ -1,4 +1,4 @@
-"""The mathematics: which sensors does the return depend on? NumPy, SciPy and Numba only."""
+"""The mathematics: which sensors the return depends on. Imports NumPy, SciPy and Numba only."""
 
 from .conditional_mi import ConditionalMI
 from .conditional_mi_selector import ConditionalMISelector

@@ -1,9 +1,9 @@
-"""One thread for the linear algebra, since the matrices here are small.
+"""Restrict BLAS to one thread, because the matrices here are small.
 
-On busy cores several threads mostly wait for each other, so that a selection takes up to ten times
-as long. The commands and the nodes' worker set OPENBLAS_NUM_THREADS before NumPy is imported; in a
-program that has imported it, only threadpoolctl can do so (optional: pip install threadpoolctl; it
-comes along with scikit-learn).
+On busy cores, several BLAS threads mostly wait for each other, and a selection takes up to ten
+times as long. The commands and the node's worker set OPENBLAS_NUM_THREADS before they import NumPy.
+In a program that has already imported NumPy, only threadpoolctl can limit the threads (optional:
+pip install threadpoolctl; scikit-learn depends on it).
 """
 
 from __future__ import annotations
@@ -17,5 +17,5 @@ except ImportError:
 
 
 def one_blas_thread() -> AbstractContextManager:
-    """Return a context in which the linear algebra of this process has one thread."""
+    """Return a context in which BLAS uses one thread; it does nothing without threadpoolctl."""
     return nullcontext() if threadpool_limits is None else threadpool_limits(1, 'blas')

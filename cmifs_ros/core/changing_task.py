@@ -1,4 +1,4 @@
-"""Whether the task has changed: which of the oldest episodes no longer fit the newest."""
+"""Detect concept drift: how many of the oldest episodes no longer fit the newest."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from .episode import Episode
 from .evidence import ConditionalTest
 from .samples import collect_samples, standardized
 
-#: Probability that a change is seen where there is none.
+#: Probability of detecting a change although there is none.
 _LEVEL = 0.005
-#: A channel whose correlation with the episode's number is greater counts the episodes.
+#: A channel that correlates more strongly with the episode number acts as an episode counter.
 _MOST_CORRELATED = 0.9
-#: Moments of change that are tried, and the least number of episodes before one.
+#: Number of change points tried, and the least number of episodes before a change point.
 _NUM_MOMENTS, _LEAST_BEFORE = 9, 10
 
 
@@ -26,24 +26,29 @@ def num_outdated(
     gamma: float,
     random_state: int,
 ) -> int:
-    """Return how many of the oldest episodes no longer fit the newest; 0 where nothing changed.
+    """Return how many of the oldest episodes no longer fit the newest; 0 if nothing changed.
 
-    Given the channels and the step, is the return another before some episode than from there on?
-    Nine moments are tried, by the test of `ConditionalTest`, and the clearest is taken. A channel
-    that counts the episodes, as a battery that drains, would explain any change and is not given.
+    `ConditionalTest` tests whether the return, given the channels and the step, differs between the
+    episodes before and after a change point. Nine change points are tried, and the one with the
+    least p-value counts. A channel that acts as an episode counter, such as a draining battery,
+    would explain any change; it is left out.
 
     Parameters
     ----------
     episodes : sequence of Episode
-        In the order in which they came.
+        In the order in which they were recorded.
     channels : sequence of int
-        Those that are thought to tell something about the return.
+        The channels of the sensors that may be informative.
     least_kept : int
-        How many of the newest episodes are never outdated.
+        Number of newest episodes that are never outdated.
     gamma : float
         Discount factor of the return.
     random_state : int
         Seed.
+
+    Returns
+    -------
+    int
 
     """
     last = len(episodes) - least_kept

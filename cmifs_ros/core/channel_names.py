@@ -1,4 +1,4 @@
-"""What a name of a channel may be."""
+"""Which names a channel may have."""
 
 from __future__ import annotations
 
@@ -6,17 +6,17 @@ from collections.abc import Sequence
 
 from .words import listed
 
-#: Greatest number of channels, and of characters of a name.
+#: Greatest number of channels, and of characters in a name.
 MAX_CHANNELS = 4096
 MAX_NAME_LENGTH = 256
 
 
 def problem_of_names(names: Sequence[str]) -> str:
-    """Return what makes names unfit for channels, or nothing."""
+    """Return why these cannot be channel names; an empty string if they can."""
     if len(names) > MAX_CHANNELS:
         return f'{len(names)} channels; expected at most {MAX_CHANNELS}'
     if not all(0 < len(name) <= MAX_NAME_LENGTH for name in names):
-        return f'an empty name or one of more than {MAX_NAME_LENGTH} characters: {listed(names)}'
+        return f'a name that is empty or longer than {MAX_NAME_LENGTH} characters: {listed(names)}'
     if len(set(names)) < len(names):
         return f'repeated names: {listed(names)}'
     return ''

@@ -1,4 +1,4 @@
-"""Conditional mutual information between return and features, given the time step."""
+"""Conditional mutual information between return and channels, given the time step."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ class ConditionalMI:
     """Score channel subsets by I(eta; z | n) = sum_n p(n) I(eta_n; z_n).
 
     p(n) is the share of all samples observed at step n; with episodes of equal length this is
-    Equation (9) of Hachiya & Sugiyama (2010). A step that a single episode reaches tells
-    nothing of dependence and counts as 0.
+    Equation (9) of Hachiya & Sugiyama (2010). A step that only one episode reaches shows no
+    dependence and counts as 0.
 
     Parameters
     ----------
     steps : sequence of StepSamples
-        As of `step_samples`.
+        The samples of each step, from `split_by_step`.
     estimator : Lsmi
     tuning_window : int
-        Each step picks its width and regularisation by the held-out objective averaged over
-        its samples and those of so many steps on either side, with weights that fall linearly.
-        With few episodes that steadies the choice; 0 is the paper's.
+        Each step chooses its width and regularisation by the held-out objective, averaged over
+        the step and this many steps on either side with linearly decreasing weights. With few
+        episodes this stabilises the choice; 0 is the paper's.
     n_jobs : int
-        Threads that share the work; the compiled part leaves the interpreter to others.
+        Number of threads; the compiled part releases the interpreter lock.
 
     """
 
@@ -52,7 +52,7 @@ class ConditionalMI:
         self._known: dict[tuple[int, ...], float] = {}
 
     def __call__(self, subsets: Sequence[Sequence[int]]) -> np.ndarray:
-        """Score subsets of channel indices: shape (len(subsets),). Each is computed once."""
+        """Score subsets of channel indices: shape (len(subsets),). Results are cached."""
         keys = [tuple(sorted(subset)) for subset in subsets]
         new = [key for key in dict.fromkeys(keys) if key not in self._known]
         if new:
@@ -62,7 +62,7 @@ class ConditionalMI:
 
     def by_step(self, subsets: Sequence[Sequence[int]]) -> np.ndarray:
         """Score subsets at each step: shape (steps, len(subsets))."""
-        # A thread takes a step, or, where steps are few, a step with a part of the subsets.
+        # One job per step; with few steps, one job per step and part of the subsets.
         parts = min(len(subsets), -(-2 * self._n_jobs // len(self._steps)))
         chunks = np.array_split(np.arange(len(subsets)), parts if self._n_jobs > 1 else 1)
         jobs = [(step, [subsets[i] for i in chunk]) for step in self._steps for chunk in chunks]

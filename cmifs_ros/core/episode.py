@@ -1,4 +1,4 @@
-"""One episode of experience: what the robot saw and what it was paid."""
+"""One episode: the states of the robot and the rewards it received."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 
 @dataclass(frozen=True, eq=False)
 class Episode:
-    """States and rewards of one episode, checked and read-only.
+    """States and rewards of one episode, validated and read-only.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ class Episode:
             actions = actions[:, None]
         if states.ndim != 2 or 0 in states.shape:
             raise ValueError(
-                f'states has shape {states.shape}; expected (steps, channels), neither of them 0'
+                f'states has shape {states.shape}; expected (steps, channels), both at least 1'
             )
         if rewards.shape != states.shape[:1]:
             raise ValueError(
@@ -90,15 +90,16 @@ def as_episodes(data: Iterable[Episode] | tuple[np.ndarray, np.ndarray]) -> list
     Parameters
     ----------
     data : iterable of Episode, or a pair of arrays of shapes (M, N, v) and (M, N)
-        The pair holds the states and the rewards of M episodes of N steps. What is NaN or masked
-        in the states is a gap, bridged by the last reading before it in its episode, else by the
-        next, else by the channel's median; an infinite one stands for out of range (REP 117) and
-        becomes the channel's greatest or least finite reading.
+        The pair holds the states and the rewards of M episodes of N steps. NaN and masked states
+        are gaps. A gap is filled with the previous value in its episode, else with the next one,
+        else with the channel's median. Infinite values mean out of range (REP 117); they become
+        the channel's greatest or least finite value.
 
     Raises
     ------
     ValueError
-        If there is no episode, or the episodes differ in their number of channels.
+        If there is no episode, the episodes differ in their number of channels, or a channel has
+        no finite value.
 
     """
     if isinstance(data, tuple) and len(data) == 2 and not isinstance(data[0], Episode):
@@ -127,7 +128,7 @@ def as_episodes(data: Iterable[Episode] | tuple[np.ndarray, np.ndarray]) -> list
 
 
 def unique_episodes(episodes: Iterable[Episode]) -> list[Episode]:
-    """Return the episodes without those that repeat an earlier one, states and rewards alike."""
+    """Return the episodes without exact copies (same states and rewards) of earlier ones."""
     seen, unique = set(), []
     for episode in episodes:
         content = tuple(a.tobytes() for a in (episode.states, episode.rewards, episode.actions))
@@ -138,14 +139,14 @@ def unique_episodes(episodes: Iterable[Episode]) -> list[Episode]:
 
 
 def _bridged(states: np.ndarray) -> np.ndarray:
-    """Return states (M, N, v) without gaps and infinite values; `as_episodes` tells how."""
+    """Return states (M, N, v) without gaps and infinite values, as `as_episodes` describes."""
     if np.isfinite(states).all():
         return states
     finite = np.where(np.isfinite(states), states, np.nan)
     empty = np.isnan(finite).all(axis=(0, 1))
     if empty.any():
         raise ValueError(
-            f'channel {int(np.flatnonzero(empty)[0])} has no finite value; expected some readings'
+            f'channel {int(np.flatnonzero(empty)[0])} has no finite value; expected at least one'
         )
     filled = np.where(states == np.inf, np.nanmax(finite, axis=(0, 1)), states)
     filled = np.where(states == -np.inf, np.nanmin(finite, axis=(0, 1)), filled)

@@ -1,7 +1,7 @@
 """The held-out objective of LSMI over a grid of widths and regularisations, compiled.
 
 J of Equation (7) of Hachiya & Sugiyama (2010), for one time step and many channel subsets.
-What makes it fast, and why each is exact:
+What makes it fast, and why each part is exact:
 
 - A Gaussian of (eta, z) is a Gaussian of eta times one of z, so the double sums over pairs of
   samples are products of single sums: H = (K_eta' K_eta) * (K_z' K_z) / M^2, elementwise.
@@ -11,8 +11,8 @@ What makes it fast, and why each is exact:
 - A shift leaves the Krylov space of (H, h) unchanged, so one Lanczos run serves all
   regularisations (Golub & Van Loan, Matrix Computations, 10.3). Each vector is orthogonalised
   against all earlier ones, which makes the solutions exact to `_RTOL`.
-- Products with a vector and exponentials are written out, so that they become vector instructions:
-  a call of BLAS takes longer than a product this small, and the library's exp knows one number.
+- Matrix-vector products and exponentials are written out, so that they compile to vector
+  instructions. For products this small a BLAS call takes longer, and the library's exp is scalar.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-#: Residual of the systems, relative to h. With 1e-9 the score of a step was up to 1e-8 off.
+#: Residual of the linear systems, relative to h. With 1e-9 scores of a step were off by up to 1e-8.
 _RTOL = 1e-10
 _COMPILED = {'cache': True, 'nogil': True, 'fastmath': {'contract', 'reassoc', 'nsz', 'arcp'}}
 
@@ -37,11 +37,11 @@ def held_out_objective(returns, states, starts, centers, common, own, widths, re
     starts : numpy.ndarray of int, shape (F + 1,)
         Where each fold begins, and M.
     centers : numpy.ndarray of int, shape (B,)
-        The samples that carry a kernel.
+        The samples with a kernel.
     common : numpy.ndarray of int, shape (k,)
-        The channels that all subsets have.
+        The channels common to all subsets.
     own : numpy.ndarray of int, shape (C, j)
-        The further channels of each subset; -1 stands for none.
+        The other channels of each subset, padded with -1.
     widths : numpy.ndarray, shape (W,)
     regularizations : numpy.ndarray, shape (L,)
         Positive lambdas.
@@ -123,7 +123,8 @@ def _add_distances(values, centers, distances):
 def _gaussians(distances, factor, out):
     """Set out to exp(factor * distances), with an absolute error below 1e-13.
 
-    256 times closer to 0 a short Taylor series will do; its sum is squared 8 times.
+    The argument is divided by 256, where a short Taylor series is accurate; the sum is then
+    squared 8 times.
     """
     flat, flat_out = distances.reshape(-1), out.reshape(-1)
     for i in range(len(flat)):
@@ -139,10 +140,10 @@ def _gaussians(distances, factor, out):
 def _solutions(matrix, h, regularizations):
     """Return (matrix + lambda I)^-1 h for each lambda: shape (L, B)."""
     norm = np.sqrt(_dot(h, h))
-    if norm < 1e-150:  # No Gaussian reaches any sample: the model is 0.
+    if norm < 1e-150:  # No kernel reaches any sample: the model is 0.
         return np.zeros((len(regularizations), len(h)))
     basis, diagonal, coupling = _lanczos(matrix, h / norm, regularizations.min())
-    # The tridiagonal systems, eliminated from below as only the first row has a right-hand side.
+    # Solve the tridiagonal systems from below: only the first row has a right-hand side.
     weights = np.empty((len(diagonal), len(regularizations)))
     for k in range(len(diagonal) - 1, -1, -1):
         for i in range(len(regularizations)):
@@ -158,17 +159,17 @@ def _solutions(matrix, h, regularizations):
 
 @njit(**_COMPILED)
 def _lanczos(matrix, start, shift):
-    """Return the Krylov space of a unit vector (B,), large enough for the system with the shift.
+    """Return a Krylov space of a unit vector (B,), large enough to solve the shifted system.
 
-    That is an orthonormal basis (k, B), and the matrix on it, which is tridiagonal: its diagonal
-    (k,) and what is beside it (k,), of which the last leads out of the space. The unit vector is
-    overwritten.
+    The result is an orthonormal basis (k, B) and the matrix in this basis, which is tridiagonal:
+    its diagonal (k,) and its off-diagonal (k,), whose last entry leads out of the space. The unit
+    vector is overwritten.
     """
     size = len(start)
     basis, numbers = np.empty((size, size)), np.empty((3, size))
     diagonal, coupling, components = numbers[0], numbers[1], numbers[2]
     vector, length, scale, count = start, 1.0, 0.0, 0
-    pivot, last = np.inf, -1.0  # of the elimination; the last component of the solution
+    pivot, last = np.inf, -1.0  # of the elimination; last component of the solution
     while True:
         k = count
         count += 1
@@ -184,7 +185,7 @@ def _lanczos(matrix, start, shift):
         last *= -length / pivot
         coupling[k] = length = np.sqrt(_dot(vector, vector))
         scale = max(scale, diagonal[k])
-        # Below rounding the Krylov space is complete.
+        # Below rounding error the Krylov space is complete.
         if count == size or length <= 1e-15 * scale or length * abs(last) <= _RTOL:
             return basis[:count], diagonal[:count], coupling[:count]
 

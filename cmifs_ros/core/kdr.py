@@ -1,9 +1,9 @@
-"""Kernel dimension reduction (KDR) as a criterion: the paper's rival, which looks one step ahead.
+"""Kernel dimension reduction (KDR) as a criterion: the paper's baseline, one step ahead.
 
 Section 4.1 of Hachiya & Sugiyama (2010), after Fukumizu, Bach & Jordan, Kernel dimension
 reduction in regression (2009): a subset Z of the state is good if the target channels Y at the
-next step are independent of the whole state given Z. With centred Gram matrices that is a small
-Tr[Kc_Y (Kc_Z + eps I)^-1].
+next step are independent of the whole state given Z. In terms of centred Gram matrices, a good
+subset has a small Tr[Kc_Y (Kc_Z + eps I)^-1].
 """
 
 from __future__ import annotations
@@ -16,23 +16,23 @@ from scipy.spatial.distance import cdist, pdist
 
 from .episode import Episode
 
-#: The regularisation eps, as printed; not multiplied by the number of samples.
+#: The regularisation eps as printed, not multiplied by the number of samples.
 REGULARIZATION = 0.1
 
-#: Greatest number of samples that the width is computed from: two million distances, 16 MB.
+#: Greatest number of samples used for the width: two million distances, 16 MB.
 _WIDTH_SAMPLES = 2000
 
 
 class KDR:
     """Score channel subsets by how well they explain the target channels one step later.
 
-    The score is minus sum_n Tr[Kc_Y (Kc_Z + eps I)^-1], with Y the target at step n + 1, Z the
-    subset at step n and the sum over all steps, counted from the empty subset, which scores 0.
-    A step uses the episodes that reach the next one; a step with fewer than two counts as 0.
+    The score is -sum_n Tr[Kc_Y (Kc_Z + eps I)^-1] relative to the empty subset, which scores 0. Y
+    is the target at step n + 1, Z the subset at step n, and the sum is over all steps. A step uses
+    the episodes that reach the next step; a step with fewer than two of them counts as 0.
 
-    One Gaussian width serves Y and every Z: the median distance between all samples, of all
-    steps and episodes, with all channels, in the units they come in. The paper speaks of 'the
-    width' and 'all the data samples', and read so its Figure 6(a) comes out.
+    Y and every Z share one Gaussian width: the median distance between all samples of all steps and
+    episodes, over all channels in their own units. The paper speaks of 'the width' and 'all the
+    data samples'; read this way, its Figure 6(a) is reproduced.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ class KDR:
     target : sequence of int
         The channels that the reward depends on directly.
     random_state : int
-        Seed of the samples that the width is computed from, if there are more than 2000.
+        Seed of the subset of samples used for the width if there are more than 2000.
 
     Raises
     ------
@@ -54,7 +54,7 @@ class KDR:
         if num_steps < 1:
             raise ValueError(
                 f'the {len(episodes)} episodes have {[len(e) for e in episodes]} steps; expected '
-                'at least two episodes of 2 steps or more, since KDR looks one step ahead'
+                'at least two episodes of 2 or more steps, because KDR looks one step ahead'
             )
         samples = np.concatenate([episode.states for episode in episodes])
         self._width = median_distance(samples, random_state)
@@ -82,8 +82,8 @@ class KDR:
 def median_distance(samples: np.ndarray, random_state: int) -> float:
     """Return the median Euclidean distance between samples (M, v), or between 2000 of them.
 
-    Where more than half of the distances are 0 it is the median of the others; where all are,
-    it is 1, and any number would do.
+    If more than half of the distances are 0, it is the median of the positive ones. If all are 0,
+    it is 1; any positive number would do.
     """
     if len(samples) > _WIDTH_SAMPLES:
         rng = np.random.default_rng(random_state)

@@ -1,4 +1,4 @@
-"""The rival: kernel dimension reduction."""
+"""The paper's baseline: selection by kernel dimension reduction (KDR)."""
 
 from __future__ import annotations
 
@@ -11,21 +11,21 @@ from .sensor_selector import SensorSelector, channel_index
 class KDRSelector(SensorSelector):
     """Select the sensors that the target channels depend on one step later.
 
-    The method that Hachiya & Sugiyama (2010) compare theirs with; see `KDR`. It does not look
-    at the rewards: it is told the channels that they depend on directly. Its attributes are
-    those of `SensorSelector`.
+    Hachiya & Sugiyama (2010) compare their method with this one; see `KDR`. It ignores the rewards
+    and is told the channels that they depend on directly. Its attributes are those of
+    `SensorSelector`.
 
     Parameters
     ----------
     num_features : int, optional
-        How many sensors to select. None ranks and selects all: one more sensor explains the
-        target better, or seems to, so the criterion has no maximum to stop at.
+        Number of sensors to select. None ranks and selects all: each further sensor seems to
+        explain the target better, so the criterion has no maximum to stop at.
     target : str, int, or sequence of these
         The channels that the reward depends on directly: names or indices.
     direction, groups
-        As of `ConditionalMISelector`.
+        As in `ConditionalMISelector`.
     random_state : int
-        Seed of the samples that the kernel width is computed from, where there are very many.
+        Seed of the subset of samples used for the kernel width, if there are more than 2000.
 
     """
 

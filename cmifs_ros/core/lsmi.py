@@ -1,7 +1,7 @@
 """Least-squares mutual information (LSMI) between returns and features.
 
-Section 3.2 of Hachiya & Sugiyama (2010): the density ratio p(eta, z) / p(eta) p(z) is modelled
-by Gaussians around the samples, and its width and regularisation come from cross-validation.
+Section 3.2 of Hachiya & Sugiyama (2010): Gaussians centred on the samples model the density ratio
+p(eta, z) / p(eta) p(z). Cross-validation chooses their width and regularisation.
 """
 
 from __future__ import annotations
@@ -24,17 +24,17 @@ class Lsmi:
     Parameters
     ----------
     criterion : {'held_out', 'plug_in'}
-        What stands for the mutual information. 'plug_in' is Equation (10) at the width and
-        regularisation that cross-validation picks; 'held_out' is -2 J - 1 with J the held-out
-        Equation (7) there, which irrelevant features lower in place of raising.
+        The estimate of the mutual information, at the width and regularisation chosen by
+        cross-validation. 'plug_in' is Equation (10). 'held_out' is -2 J - 1, where J is Equation
+        (7) on held-out data; irrelevant channels lower it instead of raising it.
     widths : tuple of float
-        Grid of the kernel width sigma, the same for returns and features.
+        Grid of the kernel width sigma, which returns and channels share.
     regularizations : tuple of float
         Grid of lambda.
     num_folds : int
-        Folds of the cross-validation.
+        Number of cross-validation folds.
     num_centers : int, optional
-        Greatest number of kernel centres; None puts one on each sample, as the paper does.
+        Greatest number of kernel centres; None puts one on each sample, as in the paper.
 
     Raises
     ------
@@ -65,14 +65,14 @@ class Lsmi:
             raise ValueError(f'num_centers is {self.num_centers}; expected at least 1, or None')
 
     def estimate(self, step: StepSamples, subsets: Sequence[Sequence[int]]) -> np.ndarray:
-        """Estimate the mutual information of the returns with each of several feature sets.
+        """Estimate the mutual information of the returns with each of several channel sets.
 
         Parameters
         ----------
         step : StepSamples
-            The samples, of at least two folds.
+            The samples, in at least two folds.
         subsets : sequence of C sequences of int
-            The channels of each feature set.
+            The channels of each set.
 
         Returns
         -------
@@ -92,7 +92,7 @@ class Lsmi:
         numpy.ndarray, shape (C, len(self.widths), len(self.regularizations))
 
         """
-        # Compiled code is loaded where it is used: who never computes need not wait for it.
+        # Loaded here, so that programs that never compute do not wait for the compiled code.
         from .held_out import held_out_objective
 
         order = np.argsort(step.folds, kind='stable')
@@ -126,11 +126,11 @@ class Lsmi:
         Parameters
         ----------
         step, subsets
-            As of `estimate`.
+            As in `estimate`.
         objective : numpy.ndarray, shape (C, len(self.widths), len(self.regularizations))
-            The held-out objective; only 'held_out' asks for it.
+            The held-out objective; used by 'held_out' only.
         points : numpy.ndarray of int, shape (C,)
-            Flat indices into the grid, one for each feature set.
+            Flat indices into the grid, one for each set.
 
         Returns
         -------
@@ -149,7 +149,7 @@ class Lsmi:
 
 
 def _plug_in(step: StepSamples, subset, width: float, regularization: float) -> float:
-    """Return the mutual information of Equation (10), fitted to all samples."""
+    """Return Equation (10) fitted to all samples."""
     z, eta = step.states[:, list(subset)], step.returns[:, None]
     k_eta = np.exp(cdist(eta[step.centers], eta, 'sqeuclidean') * (-0.5 / width**2))
     k_z = np.exp(cdist(z[step.centers], z, 'sqeuclidean') * (-0.5 / width**2))

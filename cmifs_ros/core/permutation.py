@@ -1,4 +1,4 @@
-"""Does the return depend on any sensor at all? Compared with what sensors said elsewhere."""
+"""A permutation test of whether the return depends on any sensor at all."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from .shadows import exchange
 
 
 class PermutationTest(NamedTuple):
-    """Result of a permutation test; the names are SciPy's.
+    """Result of a permutation test, named as in SciPy.
 
     Attributes
     ----------
     statistic : float
-        The best score that a single sensor has.
+        The best score of a single sensor.
     pvalue : float
         (1 + number of permutations whose statistic is no smaller) / (1 + number of permutations).
     null_distribution : numpy.ndarray, shape (n_permutations,)
@@ -40,26 +40,25 @@ def permutation_test(
 ) -> PermutationTest:
     """Test whether the return depends on any single sensor.
 
-    The statistic is the score of the best sensor, the first of a forward selection. All
-    trajectories of states change places between the episodes, as wholes and all channels
-    together; the rewards stay. If the return is independent of the states, all of that is
-    equally likely, and the p-value is uniform on 1/(n + 1), 2/(n + 1), ..., 1. With
-    unequal lengths, which `shadows.exchange` copes with, that holds if the length is
-    independent of the states too.
+    The statistic is the best score of a single sensor, the first of a forward selection. Whole
+    trajectories of states, with all their channels, are permuted over the episodes; the rewards
+    stay. If the return is independent of the states, all permutations are equally likely, and the
+    p-value is uniform on 1/(n + 1), 2/(n + 1), ..., 1. With unequal lengths (see
+    `shadows.exchange`) this requires that the lengths are independent of the states too.
 
     Parameters
     ----------
     selector : ConditionalMISelector
-        Its settings make the score. It need not be fitted, and stays as it is.
+        Its settings define the score. It need not be fitted, and is not changed.
     episodes, names
-        As of `ConditionalMISelector.fit`.
+        As in `ConditionalMISelector.fit`.
     n_permutations : int
         Each costs one round of the search; the p-value is at least 1 / (n_permutations + 1).
 
     Raises
     ------
     ValueError
-        If a parameter or the data are not as described; the message names the value.
+        If a parameter or the data are invalid; the message names the value.
 
     """
     if n_permutations < 1:

@@ -1,4 +1,4 @@
-"""The return: what a step leads to, not only what it pays."""
+"""The discounted return: the rewards of a step and of the later steps of its episode."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ def discounted_returns(rewards: np.ndarray, gamma: float) -> np.ndarray:
     Parameters
     ----------
     rewards : array_like, shape (T,)
-        Rewards of the steps, in the order of time.
+        Rewards of the steps in temporal order.
     gamma : float
         Discount factor, 0 < gamma <= 1.
 
@@ -30,7 +30,7 @@ def discounted_returns(rewards: np.ndarray, gamma: float) -> np.ndarray:
     if not 0 < gamma <= 1:
         raise ValueError(f'gamma is {gamma}; expected 0 < gamma <= 1')
     returns = np.array(rewards, dtype=np.float64)
-    with np.errstate(over='ignore'):  # A return that overflows is infinite.
+    with np.errstate(over='ignore'):  # An overflowing return becomes infinite.
         for t in range(len(returns) - 2, -1, -1):
             returns[t] += gamma * returns[t + 1]
     return returns

@@ -8,7 +8,7 @@ import numpy as np
 
 DIRECTIONS = ('forward', 'backward')
 
-#: A sensor is the channels it delivers.
+#: A sensor is given by its channels.
 Sensor = tuple[int, ...]
 Criterion = Callable[[Sequence[Sequence[int]]], np.ndarray]
 
@@ -16,18 +16,18 @@ Criterion = Callable[[Sequence[Sequence[int]]], np.ndarray]
 def forward_selection(
     criterion: Criterion, sensors: Sequence[Sensor], num_sensors: int
 ) -> tuple[list[int], list[float]]:
-    """Add the sensor that, with those already chosen, scores best; repeat.
+    """Repeatedly add the sensor that scores best together with those already chosen.
 
-    Algorithm 1 (Figure 4) of Hachiya & Sugiyama (2010). Of equal scores the first wins.
+    This is Algorithm 1 (Figure 4) of Hachiya & Sugiyama (2010). Ties go to the first sensor.
 
     Parameters
     ----------
     criterion : callable
-        Gives one score for each of a list of channel subsets; greater is better.
+        Returns one score for each of a list of channel subsets; greater is better.
     sensors : sequence of tuple of int
         The channels of each sensor.
     num_sensors : int
-        How many to add.
+        Number of sensors to add.
 
     Returns
     -------
@@ -51,11 +51,11 @@ def forward_selection(
 def backward_elimination(
     criterion: Criterion, sensors: Sequence[Sensor]
 ) -> tuple[list[int], list[float]]:
-    """Remove the sensor whose removal leaves the best score; repeat until none is left.
+    """Repeatedly remove the sensor whose removal leaves the best score.
 
-    Section 3.3 of Hachiya & Sugiyama (2010) names this strategy. Parameters and results are
-    those of `forward_selection`: the sensor removed last is ranked first. Every sensor has to
-    be removed to be ranked, so all of them are.
+    Section 3.3 of Hachiya & Sugiyama (2010) mentions this strategy. Parameters and results are as
+    in `forward_selection`: the sensor removed last is ranked first. All sensors are ranked, because
+    a sensor must be removed to get its rank.
     """
     remaining = list(range(len(sensors)))
     removed: list[int] = []
@@ -70,5 +70,5 @@ def backward_elimination(
 
 
 def channels(sensors: Sequence[Sensor], chosen: Sequence[int]) -> list[int]:
-    """Return the channels of the chosen sensors, in their order."""
+    """Return the channels of the chosen sensors, in the order of `chosen`."""
     return [channel for i in chosen for channel in sensors[i]]

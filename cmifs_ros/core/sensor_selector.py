@@ -1,4 +1,4 @@
-"""What the selectors share: a scikit-learn-style API, checks, and sensors of several channels."""
+"""The base class of the selectors: scikit-learn-style API, validation, groups of channels."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from .words import listed
 
 
 class Ranking(NamedTuple):
-    """Sensors in their order with their scores; the first `num_selected` are selected."""
+    """Ranked sensors with their scores; the first `num_selected` are selected."""
 
     sensors: list[int]
     scores: list[float]
@@ -31,21 +31,21 @@ class Ranking(NamedTuple):
 
 
 class SensorSelector(ABC):
-    """What the selectors share: everything but the criterion.
+    """Base class of the selectors: everything except the criterion.
 
     Attributes
     ----------
     ranking_ : numpy.ndarray of int
-        Indices of all sensors that were ranked, best first; without groups, of channels.
+        Indices of the ranked sensors, best first; without groups, a sensor is a channel.
     scores_ : numpy.ndarray, same length
-        The criterion of the first 1, 2, ... sensors of the ranking; no sensor at all scores 0.
-        That of a sensor that was not taken is with all that were.
+        The criterion of the first 1, 2, ... selected sensors together. For a sensor that is not
+        selected: of this sensor together with all selected ones. No sensor at all scores 0.
     sensor_names_ : tuple of str
-        Names of the sensors that `ranking_` counts.
+        Names of the sensors that `ranking_` indexes.
     sensor_channels_ : tuple of tuple of int
         Their channels.
     num_features_ : int
-        Number of sensors selected: the first of the ranking.
+        Number of selected sensors; they are the first of the ranking.
     feature_names_in_ : tuple of str
         Names of the channels.
 
@@ -67,7 +67,7 @@ class SensorSelector(ABC):
     def _rank(
         self, episodes: list[Episode], names: Sequence[str], sensors: list[Sensor]
     ) -> Ranking:
-        """Rank the sensors; raise ValueError for a bad parameter."""
+        """Rank the sensors; raise ValueError for an invalid parameter."""
 
     def fit(
         self,
@@ -86,16 +86,16 @@ class SensorSelector(ABC):
         names : sequence of str, optional
             One name for each channel; x0, x1, ... by default.
         start : collection of str
-            Sensors of an earlier selection. Where the method has a test, the search begins with
-            those that still have evidence, so that of equals the one in use stays.
+            Sensors of an earlier selection. If the method has a test, the search begins with those
+            that still have evidence, so the selection in use wins ties.
         progress : callable
-            Told, as sensors are found, a fraction that grows towards 1: how many there will be
-            is not known.
+            Called with a fraction that grows towards 1 as sensors are found. Their number is not
+            known in advance.
 
         Raises
         ------
         ValueError
-            If a parameter or the data are not as described; the message names the value.
+            If a parameter or the data are invalid; the message names the value.
 
         """
         episodes, names, sensor_names, sensors = self._checked(episodes, names)
@@ -135,7 +135,7 @@ class SensorSelector(ABC):
         Parameters
         ----------
         indices : bool
-            True gives their indices, best sensor first; False a mask of shape (v,).
+            True: return their indices, best sensor first. False: return a mask of shape (v,).
 
         """
         self._check_fitted()
@@ -146,7 +146,7 @@ class SensorSelector(ABC):
         return mask
 
     def transform(self, states: np.ndarray) -> np.ndarray:
-        """Return the selected channels of states (..., v), best sensor first: (..., k)."""
+        """Return the selected channels of states (..., v), best sensor first: shape (..., k)."""
         self._check_fitted()
         states = np.asarray(states)
         if states.ndim == 0 or states.shape[-1] != len(self.feature_names_in_):
@@ -157,17 +157,17 @@ class SensorSelector(ABC):
         return states[..., self._support]
 
     def get_feature_names_out(self, input_features: Sequence[str] | None = None) -> np.ndarray:
-        """Return the names of the channels that `transform` gives, in its order.
+        """Return the names of the channels that `transform` returns, in the same order.
 
         Parameters
         ----------
         input_features : sequence of str, optional
-            The names that `fit` was given, for scikit-learn's sake.
+            The names given to `fit`, as scikit-learn passes them.
 
         Raises
         ------
         ValueError
-            If these are other names.
+            If these differ from the names given to `fit`.
 
         """
         self._check_fitted()
@@ -185,7 +185,7 @@ class SensorSelector(ABC):
         return [self.transform(episode.states) for episode in episodes]
 
     def inverse_transform(self, selected: np.ndarray) -> np.ndarray:
-        """Return states (..., v) of selected channels (..., k), 0 where nothing was selected."""
+        """Return states (..., v) from selected channels (..., k); other channels are 0."""
         self._check_fitted()
         selected = np.asarray(selected)
         if selected.ndim == 0 or selected.shape[-1] != len(self._support):
@@ -198,11 +198,11 @@ class SensorSelector(ABC):
         return states
 
     def get_params(self, deep: bool = True) -> dict:
-        """Return the parameters of the constructor by name, as scikit-learn wants them."""
+        """Return the constructor parameters by name, as scikit-learn requires."""
         return {name: getattr(self, name) for name in inspect.signature(type(self)).parameters}
 
     def set_params(self, **params) -> SensorSelector:
-        """Set parameters of the constructor by name.
+        """Set constructor parameters by name.
 
         Raises
         ------
@@ -218,7 +218,7 @@ class SensorSelector(ABC):
         return self
 
     def __repr__(self) -> str:
-        """Return the call that makes it, without what is left at its default."""
+        """Return the constructor call, without parameters at their default."""
         signature = inspect.signature(type(self)).parameters
         shown = (
             f'{name}={value!r}'
@@ -228,7 +228,7 @@ class SensorSelector(ABC):
         return f'{type(self).__name__}({", ".join(shown)})'
 
     def _checked(self, episodes, names):
-        """Return the episodes, the names of channels and of sensors, and the sensors."""
+        """Return the episodes, the channel names, the sensor names and the sensors."""
         episodes = as_episodes(episodes)
         if len(episodes) < 2:
             raise ValueError('there is 1 episode; expected at least 2 to compare')
@@ -236,7 +236,7 @@ class SensorSelector(ABC):
         return episodes, names, *_sensors(names, self.groups or {})
 
     def _rank_by_score(self, criterion: Criterion, sensors: list[Sensor]) -> Ranking:
-        """Rank by the criterion alone; without a number all are selected."""
+        """Rank by the criterion alone; without `num_features` all sensors are selected."""
         count = len(sensors) if self.num_features is None else self.num_features
         if self.direction == 'forward':
             return Ranking(*forward_selection(criterion, sensors, count), count)
@@ -252,7 +252,9 @@ def _checked_names(names: Sequence[str] | None, num_channels: int) -> tuple[str,
         return tuple(f'x{i}' for i in range(num_channels))
     names = tuple(names)
     if len(names) != num_channels:
-        raise ValueError(f'there are {len(names)} names; expected {num_channels}, one a channel')
+        raise ValueError(
+            f'there are {len(names)} names; expected {num_channels}, one for each channel'
+        )
     for name in names:
         if not name or names.count(name) > 1:
             raise ValueError(f'channel name {name!r} is empty or repeated; expected distinct names')
@@ -260,7 +262,7 @@ def _checked_names(names: Sequence[str] | None, num_channels: int) -> tuple[str,
 
 
 def channel_index(names: tuple[str, ...], channel: str | int, where: str) -> int:
-    """Return the index of a channel given by name or index; the error says where it is named."""
+    """Return the index of a channel given by name or index; `where` appears in the error."""
     index = names.index(channel) if channel in names else channel
     if not isinstance(index, int) or not 0 <= index < len(names):
         raise ValueError(f'{where} names channel {channel!r}; expected one of {", ".join(names)}')
@@ -270,7 +272,7 @@ def channel_index(names: tuple[str, ...], channel: str | int, where: str) -> int
 def _sensors(
     names: tuple[str, ...], groups: Mapping[str, Sequence[str | int]]
 ) -> tuple[tuple[str, ...], list[Sensor]]:
-    """Return the names and the channels of all sensors, in the order of their first channels."""
+    """Return the names and channels of all sensors, ordered by their first channels."""
     grouped: dict[int, str] = {}
     sensors: dict[str, Sensor] = {}
     for group, members in groups.items():
@@ -279,8 +281,8 @@ def _sensors(
             index = channel_index(names, member, f'group {group!r}')
             if index in grouped:
                 raise ValueError(
-                    f'channel {names[index]!r} is in the groups {grouped[index]!r} and {group!r}; '
-                    'expected one group'
+                    f'channel {names[index]!r} is in two groups, {grouped[index]!r} and {group!r}; '
+                    'expected one'
                 )
             grouped[index] = group
             indices.append(index)

@@ -1,6 +1,6 @@
-"""Shadows: sensors made uninformative by exchanging their trajectories between the episodes.
+"""Shadows: artificial uninformative sensors, whose scores give the null band.
 
-The idea is that of Boruta (Kursa & Rudnicki, Feature selection with the Boruta package, 2010).
+The idea is from Boruta (Kursa & Rudnicki, Feature selection with the Boruta package, 2010).
 """
 
 from __future__ import annotations
@@ -13,20 +13,21 @@ from scipy import special
 from .samples import Samples
 from .search import Criterion
 
-#: Shadows for each place of the ranking.
+#: Number of shadows for each place of the ranking.
 _NUM_SHADOWS = 6
-#: 5 %, median and 95 % of one more, in standard deviations of these: a prediction interval of a
-#: normal law whose mean and deviation are estimated, mean +- t(0.95, n - 1) sqrt(1 + 1/n) s.
+#: 5 %, median and 95 % of a further shadow, in standard deviations of the shadows: the prediction
+#: interval of a normal distribution with estimated mean and deviation,
+#: mean +- t(0.95, n - 1) sqrt(1 + 1/n) s.
 _FACTOR = special.stdtrit(_NUM_SHADOWS - 1, 0.95) * np.sqrt(1 + 1 / _NUM_SHADOWS)
 _BAND = np.array([-_FACTOR, 0.0, _FACTOR])
 
 
 def exchange(trajectories: Sequence[np.ndarray], rng: np.random.Generator) -> list[np.ndarray]:
-    """Return trajectories, arrays (T, v), that changed places at random.
+    """Return the trajectories, arrays (T, v), randomly permuted over the episodes.
 
-    Each place keeps its length T. Where a trajectory ends before its new place does, it is
-    continued by the one that took its own place, and so on: each value is used exactly once and
-    stays at its step. With equal lengths all stay whole.
+    Each episode keeps its length T. If a trajectory is shorter than its new episode, the trajectory
+    that took its own place continues it, and so on. So each value is used exactly once and stays at
+    its step. With equal lengths all trajectories remain whole.
     """
     successor = rng.permutation(len(trajectories))
     lengths = np.array([len(trajectory) for trajectory in trajectories])
@@ -50,27 +51,28 @@ def null_scores(
     places: Sequence[Sequence[int]],
     rng: np.random.Generator,
 ) -> np.ndarray:
-    """Return the scores that uninformative sensors have beside others.
+    """Return the scores of uninformative sensors in combination with given channels.
 
-    Of channels drawn at random whole trajectories change places: neighbouring steps are not
-    independent of each other, and a shadow keeps its course in time.
+    A shadow is a randomly drawn channel whose whole trajectories are permuted over the episodes.
+    This preserves the dependence between neighbouring steps.
 
     Parameters
     ----------
     make_criterion : callable
-        Gives the criterion of samples.
+        Returns the criterion for given samples.
     samples : Samples
     channels : sequence of int
-        Those of which shadows are made.
+        The channels from which shadows are made.
     places : sequence of sequence of int
-        The channels beside which a shadow is scored; the same ones are scored once.
+        For each place, the channels together with which a shadow is scored; equal places are
+        scored once.
     rng : numpy.random.Generator
 
     Returns
     -------
     numpy.ndarray, shape (len(places), 3)
-        5 %, median and 95 % at each place: a further shadow lies within with probability 0.9,
-        if the scores of shadows are normal.
+        5 %, median and 95 % at each place: a further shadow lies within this band with
+        probability 0.9 if the scores of shadows are normal.
 
     """
     starts = np.flatnonzero(np.diff(samples.owner)) + 1
@@ -82,7 +84,7 @@ def null_scores(
     ]
     first = samples.states.shape[1]
     criterion = make_criterion(samples.with_channels(np.column_stack(shadows)))
-    # Of equal places the criterion scores one.
+    # The criterion caches equal subsets.
     beside = ([[*given, first + i] for i in range(_NUM_SHADOWS)] for given in places)
     scores = [criterion(subsets) for subsets in beside]
     return np.array([of.mean() + of.std(ddof=1) * _BAND for of in scores])

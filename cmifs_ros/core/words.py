@@ -1,4 +1,4 @@
-"""Words of messages: counts and lists."""
+"""Counts and lists of names for messages."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ def counted(count: int | str, noun: str) -> str:
 
 
 def listed(names: Sequence[str]) -> str:
-    """Return names as a text that stays short, however many and long they are."""
+    """Return names as text that stays short, however many and however long they are."""
     return first([short(name) for name in names])
 
 
 def short(name: str) -> str:
-    """Return a name, or its beginning if it is long."""
+    """Return a name, truncated if it is long."""
     return name if len(name) <= 32 else f'{name[:30]}..'
 
 
 def first(texts: Sequence[str]) -> str:
-    """Return the first of some texts, and how many are left."""
+    """Return the first eight texts, and how many more there are."""
     more = [f'{len(texts) - 8} more'] if len(texts) > 8 else []
     return ', '.join([*texts[:8], *more])

@@ -1,6 +1,6 @@
-"""The simulator node: a robot that publishes its state and reward.
+"""The simulator node: a simulated robot that publishes its state and reward.
 
-It is that of the grid world, or any environment of Gymnasium.
+The robot lives in the grid world or in any Gymnasium environment.
 """
 
 from __future__ import annotations
@@ -29,25 +29,25 @@ from .run_node import run_node
 MILLISECOND = 1_000_000  # in nanoseconds
 
 PARAMETERS = (
-    Spec('env', '', 'An environment of Gymnasium in place of the grid world, such as Pendulum-v1, '
-         'with random actions as its own policy; gymnasium has to be installed.', read_only=True),
-    Spec('scenario', 'without_gravel', 'The world; a change takes effect at the next episode.',
+    Spec('env', '', 'A Gymnasium environment instead of the grid world, such as Pendulum-v1; its '
+         'own policy is random. Requires gymnasium.', read_only=True),
+    Spec('scenario', 'without_gravel', 'The grid world; a change takes effect at the next episode.',
          choices=SCENARIOS),
     Spec('rate', 20.0, 'Steps per second.', (0.01, 10_000)),
-    Spec('seed', -1, 'Seed of the world and the policy, -1 draws one; a change starts a new '
-         'sequence of episodes at the next one.', (-1, 2**31 - 1)),
-    Spec('policy', 'own', 'Who acts: its own policy, or whoever publishes `action` '
-         '(std_msgs/Int32: 0 up, 1 down, 2 left, 3 right, or of a Discrete space of `env`); '
-         'the newest one holds, and until one comes its own policy acts.',
+    Spec('seed', -1, 'Seed of the world and the policy; -1 draws one. A change starts a new '
+         'sequence of episodes at the next episode.', (-1, 2**31 - 1)),
+    Spec('policy', 'own', 'Who chooses the actions: its own policy, or whoever publishes `action` '
+         '(std_msgs/Int32: 0 up, 1 down, 2 left, 3 right, or from the Discrete space of `env`). '
+         'The newest action is repeated; its own policy acts until the first one arrives.',
          choices=('own', 'topic')),
-    Spec('num_episodes', 0, 'Episodes to publish; 0 never ends.', (0, 2**31 - 1)),
+    Spec('num_episodes', 0, 'Episodes to publish; 0: no limit.', (0, 2**31 - 1)),
     Spec('wait_for_subscribers', True,
-         'Begin only when somebody subscribes to both state and reward, so that none is lost.'),
+         'Start only when both state and reward have a subscriber, so that no step is lost.'),
 )  # fmt: skip
 
 
 class SimulatorNode(Node):
-    """Publish one step of the world at each tick, state and reward under one stamp."""
+    """Publish one step of the world at each tick, state and reward with the same stamp."""
 
     def __init__(self):
         super().__init__('simulator')
@@ -59,8 +59,8 @@ class SimulatorNode(Node):
         self._map_publisher = self.create_publisher(OccupancyGrid, 'map', latched)
         self._marker_publisher = self.create_publisher(MarkerArray, 'markers', 10)
         self.create_subscription(Int32, 'action', self._on_action, 10)
-        self._action: int | None = None  # the newest of the topic
-        self._unpaid: Header | None = None  # of the state in which an action is waited for
+        self._action: int | None = None  # the newest one received
+        self._acting: Header | None = None  # of the state that waits for its action
         self._world: GridWorld | GymnasiumWorld | None = None
         self._state: np.ndarray | None = None  # None between episodes
         self._episode = -1
@@ -69,7 +69,7 @@ class SimulatorNode(Node):
         self._has_begun = False
         self._said_of_limit = 0
         self._make_world()
-        self._running = self._world  # A new one runs from the next episode on.
+        self._running = self._world  # A new world starts with the next episode.
         if self._settings['wait_for_subscribers']:
             self.get_logger().info('waiting for a subscriber of state and reward')
         self._timer = self.create_timer(1 / self._settings['rate'], self._tick)
@@ -91,8 +91,8 @@ class SimulatorNode(Node):
         self._has_begun = self._has_begun or self._may_begin()
         if not self._has_begun:
             return
-        if self._unpaid is not None:  # The action had a period's time to come.
-            self._act(self._unpaid, self._choose_action())
+        if self._acting is not None:  # The action had one period to arrive.
+            self._act(self._acting, self._choose_action())
         if self._state is None and not self._begin_episode():
             return
         header = self._header()
@@ -101,7 +101,7 @@ class SimulatorNode(Node):
         )
         self._publish_markers(header)
         if self._settings['policy'] == 'topic':
-            self._unpaid = header
+            self._acting = header
         else:
             self._act(header, self._choose_action())
 
@@ -124,7 +124,7 @@ class SimulatorNode(Node):
         return self._running.sample_action()
 
     def _act(self, header: Header, action) -> None:
-        self._unpaid = None
+        self._acting = None
         self._state, reward, terminated, truncated, _ = self._running.step(action)
         sample = RewardSample(reward, terminated, truncated, self._episode, self._step)
         number = int(action) if np.ndim(action) == 0 else None

@@ -1,4 +1,4 @@
-"""The worlds of the paper: the grid world with its policy, and the chain. Knows no ROS."""
+"""Simulated worlds, without ROS: the paper's grid world and chain, and Gymnasium environments."""
 
 from .chain import rollout_chain
 from .grid_world import SCENARIOS, GridWorld, channel_names

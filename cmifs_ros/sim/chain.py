@@ -1,8 +1,8 @@
 """The chain of Figures 1 and 2 of Hachiya & Sugiyama (2010): s3 -> s2 -> s1 -> reward.
 
-Each arrow between the channels takes one step, so s3 decides the reward two steps later and
-touches s1, which the reward depends on, only through s2. s4 decides nothing. A criterion that
-looks one step ahead of s1 finds s1 and s2; the return finds s3 too.
+Each arrow between channels takes one step. So s3 determines the reward two steps later, and affects
+s1, on which the reward depends, only through s2. s4 is irrelevant. A criterion that looks one step
+ahead of s1 finds s1 and s2; a criterion based on the return also finds s3.
 """
 
 from __future__ import annotations
@@ -15,17 +15,17 @@ from cmifs_ros.core import Episode
 
 CHANNEL_NAMES = ('s1', 's2', 's3', 's4')
 NUM_STEPS = 5
-#: How much of s1 stays from one step to the next: the paper's method has s1 find itself.
+#: Share of s1 that persists to the next step, so that KDR finds s1 itself, as in the paper.
 PERSISTENCE = 0.5
-#: Standard deviation of what s1 and s2 owe to chance; s3 and s4 owe everything to it.
+#: Standard deviation of the noise in s1 and s2; s3 and s4 are pure noise.
 NOISE = 0.3
 
 
 def rollout_chain(num_episodes: int, seed: int) -> list[Episode]:
-    """Return episodes of 5 steps, the same ones bit for bit for the same seed.
+    """Return episodes of 5 steps, bit for bit the same for the same seed.
 
-    s1 at n + 1 is half of s1 at n plus s2 at n; s2 at n + 1 is s3 at n; both with some noise.
-    s3 and s4 are drawn anew at each step, and the reward of a step is s1.
+    s1 at n + 1 is half of s1 at n plus s2 at n, and s2 at n + 1 is s3 at n, both with some noise.
+    s3 and s4 are drawn anew at each step. The reward of a step is s1.
 
     Parameters
     ----------

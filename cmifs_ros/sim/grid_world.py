@@ -1,9 +1,9 @@
 """The grid-world robot of Hachiya & Sugiyama (2010), Section 4.1.
 
-A 10 x 10 world with a wall in column 5 that leaves a gap at rows 5 and 6. The robot earns a
-reward for being in column 10. Of its 14 channels only the position, the battery and, with
-gravel, the gravel sensor matter for that; the others are noise. Positions are those of the
-paper, 1 to 10; row 1 is the top and `down` increases the row. The interface is Gymnasium's.
+The world is a 10 x 10 grid with a wall in column 5 that has a gap at rows 5 and 6. The robot is
+rewarded for being in column 10. Of its 14 channels only the position, the battery and, with gravel,
+the gravel sensor are relevant; the others are noise. Positions are 1 to 10, as in the paper. Row 1
+is at the top, and `down` increases the row. The interface is Gymnasium's.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ WALLS[4, [0, 1, 2, 3, 6, 7, 8, 9]] = True
 
 
 class Step(NamedTuple):
-    """What `GridWorld.step` returns: the five values of Gymnasium's interface."""
+    """The result of `GridWorld.step`: the five values of Gymnasium's interface."""
 
     observation: np.ndarray
     reward: float
@@ -49,14 +49,14 @@ def channel_names(scenario: str) -> tuple[str, ...]:
 
 
 class GridWorld:
-    """The world, one episode after another.
+    """The world, in episodes of 20 steps.
 
     Parameters
     ----------
     scenario : {'without_gravel', 'with_gravel'}
-        Whether each episode lies gravel and the fourth channel senses it.
+        Whether each episode has gravel, which the fourth channel senses.
     seed : int, optional
-        Seed of everything random; the same seed repeats the same episodes bit for bit.
+        Seed of all randomness; the same seed gives the same episodes bit for bit.
 
     Raises
     ------
@@ -78,7 +78,7 @@ class GridWorld:
         return channel_names(self.scenario)
 
     def reset(self, seed: int | None = None) -> tuple[np.ndarray, dict]:
-        """Begin an episode in column 1 at a random row, with a full battery.
+        """Start an episode in column 1 at a random row, with a full battery.
 
         Returns
         -------
@@ -107,13 +107,13 @@ class GridWorld:
         ValueError
             If the action is unknown.
         RuntimeError
-            If no episode has begun or the last one has ended.
+            If no episode is running.
 
         """
         if action not in MOVES:
             raise ValueError(f'action is {action}; expected 0 (up), 1 (down), 2 (left), 3 (right)')
         if self._num_steps is None or self._num_steps >= MAX_EPISODE_STEPS:
-            raise RuntimeError('no episode is under way; call reset() first')
+            raise RuntimeError('no episode is running; call reset() first')
         in_gravel = self._gravel_steps_left > 0
         self._gravel_steps_left = max(0, self._gravel_steps_left - 1)
 
@@ -143,7 +143,7 @@ class GridWorld:
         return True
 
     def _observe(self) -> np.ndarray:
-        # Channel i (from 1) is noise of mean i - 3 unless something is sensed there.
+        # Channel i (from 1) is noise with mean i - 3 unless it is a sensor.
         noise = self._rng.normal(np.arange(4, NUM_CHANNELS + 1) - 3.0, 1.0)
         state = np.concatenate(([self.column, self.row, self.battery], np.floor(noise)))
         if self.scenario == 'with_gravel':

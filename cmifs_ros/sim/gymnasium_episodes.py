@@ -1,6 +1,6 @@
-"""Episodes of any environment with Gymnasium's interface, and a wrapper that leaves channels out.
+"""Episodes of any environment with Gymnasium's interface, and a wrapper that selects channels.
 
-Gymnasium itself is needed for the wrapper alone: python3 -m pip install gymnasium.
+Only the wrapper needs Gymnasium itself: python3 -m pip install gymnasium.
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ from cmifs_ros.core import Episode
 
 
 def flatten(observation) -> np.ndarray:
-    """Return an observation's channels, shape (v,): of a mapping or a tuple those of its parts.
+    """Return the channels of an observation, shape (v,); mappings and tuples are concatenated.
 
-    The keys of a mapping are sorted: an environment may give them in another order each time.
+    The keys of a mapping are sorted, because an environment may return them in any order.
     """
     if isinstance(observation, Mapping):
         observation = tuple(observation[key] for key in sorted(observation))
@@ -27,9 +27,9 @@ def flatten(observation) -> np.ndarray:
 def channel_names(env) -> tuple[str, ...]:
     """Return a name for each channel of an environment's observation.
 
-    They are the keys of a Dict space (with a number each where there is an array behind one);
-    else what `observation_structure` of MuJoCo's environments tells (``qpos_0``, ``qvel_0``); and
-    else ``obs_0``, ``obs_1``, ...
+    The names are the keys of a Dict space, numbered where the value is an array; else those in the
+    `observation_structure` of MuJoCo's environments (``qpos_0``, ``qvel_0``); else ``obs_0``,
+    ``obs_1``, ...
     """
     sample = env.observation_space.sample()
     if isinstance(sample, Mapping):
@@ -41,7 +41,7 @@ def channel_names(env) -> tuple[str, ...]:
         )
     count = len(flatten(sample))
     structure = getattr(env.unwrapped, 'observation_structure', None) or {}
-    # `skipped_qpos` counts what is not observed.
+    # `skipped_qpos` and the like count what is not observed.
     sizes = {k: n for k, n in structure.items() if not k.startswith('skipped') and n}
     if sum(sizes.values()) == count:
         return tuple(f'{key}_{i}' for key, size in sizes.items() for i in range(size))
@@ -56,24 +56,24 @@ def collect_episodes(
     max_steps: int = 1000,
     seed: int | None = None,
 ) -> list[Episode]:
-    """Return episodes of an environment, the same ones for the same seed.
+    """Return episodes of an environment, the same for the same seed.
 
     Parameters
     ----------
     env : gymnasium.Env
-        Or anything with its `reset` and `step`.
+        Or any object with the same `reset` and `step`.
     num_episodes : int
     policy : callable, optional
-        From an observation to an action; by default actions are drawn at random.
+        Maps an observation to an action; by default actions are random.
     max_steps : int
-        Where an episode is cut that the environment does not end.
+        An episode that the environment does not end is cut after this many steps.
     seed : int, optional
-        Of the environment and of the random actions.
+        Seed of the environment and of the random actions.
 
     Raises
     ------
     ValueError
-        If a number is below 1, or what the environment gives is no finite number.
+        If a number is below 1, or an observation or reward is not finite.
 
     """
     for name, value in (('num_episodes', num_episodes), ('max_steps', max_steps)):
@@ -96,14 +96,14 @@ def collect_episodes(
 
 
 def select_channels(env, names: Sequence[str]):
-    """Return the environment with an observation of the named channels alone.
+    """Return the environment with an observation that consists of the named channels only.
 
     Parameters
     ----------
     env : gymnasium.Env
     names : sequence of str
-        Some of `channel_names(env)`, as `get_feature_names_out` of a selector gives them; the
-        new observation is a vector, shape (len(names),), in this order.
+        Some of `channel_names(env)`, for example from `get_feature_names_out` of a selector. The
+        new observation is a vector of shape (len(names),) in this order.
 
     Returns
     -------
@@ -126,13 +126,11 @@ def select_channels(env, names: Sequence[str]):
     names, known = list(names), channel_names(env)
     unknown = [name for name in names if name not in known]
     if unknown or not names:
-        raise ValueError(
-            f'names is {names}; expected at least one of {", ".join(known)} and no other'
-        )
+        raise ValueError(f'names is {names}; expected at least one of {", ".join(known)}')
     indices = [known.index(name) for name in names]
 
     class SelectedChannels(ObservationWrapper):
-        """The observation's selected channels as a vector."""
+        """Observe only the selected channels, as a vector."""
 
         def __init__(self, env):
             super().__init__(env)

@@ -1,4 +1,4 @@
-"""A Gymnasium environment as a robot that is simulated: named channels, and a random policy.
+"""A Gymnasium environment as a simulated robot: named channels and a random policy.
 
 Gymnasium is optional: python3 -m pip install gymnasium.
 """
@@ -17,30 +17,30 @@ from .gymnasium_episodes import channel_names, flatten
 
 
 class WorldError(Exception):
-    """An environment failed while it ran; the message says which, how and where."""
+    """An environment raised an exception; the message says which, how and where."""
 
 
 class GymnasiumWorld:
-    """An environment with states as vectors, as `GridWorld` is used.
+    """An environment with vector states and the interface of `GridWorld`.
 
-    Its episodes under its own policy, which is random, are those of `collect_episodes`.
+    With its own random policy it gives the same episodes as `collect_episodes`.
 
     Parameters
     ----------
     name : str
-        As `gymnasium.make` takes it, such as 'Pendulum-v1'.
+        A name for `gymnasium.make`, such as 'Pendulum-v1'.
     seed : int
 
     Attributes
     ----------
     channel_names : tuple of str
     actions : str
-        Which there are, in words.
+        Description of the action space.
 
     Raises
     ------
     ValueError
-        If there is no Gymnasium, no such environment, or its states cannot be ours.
+        If Gymnasium or the environment is not available, or its channels are not usable.
 
     """
 
@@ -49,12 +49,12 @@ class GymnasiumWorld:
             import gymnasium
         except ImportError:
             raise ValueError(
-                f'env is {name!r}, and Gymnasium is not installed: '
+                f'env is {name!r}, but Gymnasium is not installed: '
                 'python3 -m pip install gymnasium (gymnasium[mujoco] for MuJoCo)'
             ) from None
         try:
             self._env = gymnasium.make(name)
-        except Exception as error:  # Of the registry or of the environment's own making.
+        except Exception as error:  # Raised by the registry or by the environment.
             what = ' '.join(str(error).split())[:300]
             raise ValueError(
                 f'env is {name!r}; expected an environment such as Pendulum-v1: {what}'
@@ -70,12 +70,12 @@ class GymnasiumWorld:
         self._env.action_space.seed(seed)
 
     def reset(self) -> tuple[np.ndarray, dict]:
-        """Begin an episode; return its first state, shape (v,), and what else is told.
+        """Start an episode; return its first state, shape (v,), and the info dict.
 
         Raises
         ------
         WorldError
-            If the environment raises anything; so does `step`.
+            If the environment raises an exception; also raised by `step`.
 
         """
         with self._blamed_for('reset'):
@@ -84,7 +84,7 @@ class GymnasiumWorld:
             return flatten(observation), told
 
     def step(self, action) -> tuple[np.ndarray, float, bool, bool, dict]:
-        """Take an action; return what Gymnasium does, the state as a vector."""
+        """Perform an action; return the values of Gymnasium's `step`, with a vector state."""
         with self._blamed_for('step'):
             observation, reward, terminated, truncated, told = self._env.step(action)
             return flatten(observation), float(reward), bool(terminated), bool(truncated), told
@@ -94,14 +94,14 @@ class GymnasiumWorld:
         return self._env.action_space.sample()
 
     def allows(self, number: int) -> bool:
-        """Tell whether a whole number is an action."""
+        """Return whether an integer is a valid action."""
         return self._is_discrete and bool(self._env.action_space.contains(np.int64(number)))
 
     @contextmanager
     def _blamed_for(self, what: str) -> Iterator[None]:
         try:
             yield
-        except Exception as error:  # It is somebody else's code.
+        except Exception as error:  # The environment may raise anything.
             where = traceback.extract_tb(error.__traceback__)[-1]
             raise WorldError(
                 f'the {what} of the environment {self._name!r} failed: {type(error).__name__}: '

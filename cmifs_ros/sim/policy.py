@@ -11,7 +11,7 @@ OTHER_PROBABILITY = 0.1
 
 
 def preferred_action(state: np.ndarray) -> int:
-    """Return a*: right, but along the wall in column 4 towards the gap at rows 5 and 6."""
+    """Return a*: right, except along the wall in column 4 towards the gap at rows 5 and 6."""
     column, row = state[0], state[1]
     if column == 4 and row <= 4:
         return DOWN

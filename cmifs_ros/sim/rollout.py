@@ -1,4 +1,4 @@
-"""Episodes of the paper's policy in the grid world."""
+"""Roll out the paper's policy in the grid world."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from .policy import sample_action
 def rollout(
     scenario: str, num_episodes: int, seed: int, make_world: type[GridWorld] = GridWorld
 ) -> list[Episode]:
-    """Return episodes of 20 steps, the same ones bit for bit for the same seed.
+    """Return episodes of 20 steps, bit for bit the same for the same seed.
 
     Parameters
     ----------
     scenario : {'without_gravel', 'with_gravel'}
     num_episodes : int
     seed : int
-        Seeds the world and, independently, the policy.
+        Seed of the world and, independently, of the policy.
     make_world : type
-        The world, if it is a variety of it.
+        The class of the world, if it is a variant.
 
     """
     world_seed, policy_seed = np.random.SeedSequence(seed).spawn(2)

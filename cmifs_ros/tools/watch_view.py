@@ -197,7 +197,7 @@ def _megabytes(values: Mapping[str, str], key: str) -> str:
 
 
 def _age(seconds: str) -> str:
-    if not seconds.isdigit():
+    if not seconds.isdecimal():
         return '?'
     minutes, seconds = divmod(int(seconds), 60)
     hours, minutes = divmod(minutes, 60)

@@ -152,7 +152,7 @@ def test_huge_units_do_not_change_the_selection_and_overflowing_returns_are_refu
         ({'num_centers': 0}, 'num_centers is 0'),
         ({'groups': {'g': []}}, "group 'g' is empty"),
         ({'groups': {'g': ['q']}}, "group 'g' names channel 'q'; expected one of a, b, c, d"),
-        ({'groups': {'g': ['a'], 'h': [0]}}, "channel 'a' is in the groups 'g' and 'h'"),
+        ({'groups': {'g': ['a'], 'h': [0]}}, "channel 'a' is in two groups, 'g' and 'h'"),
         ({'groups': {'a': ['b']}}, "'a' names a group and a channel outside it"),
     ],
 )

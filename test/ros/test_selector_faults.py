@@ -243,9 +243,9 @@ def test_of_parts_on_one_topic_the_one_with_the_rewards_stamps_is_the_state_and_
             stamp += 10
     robot.wait_for_episodes(4)
     expected = (
-        'states of different channels take turns: those of shoulder, elbow are taken, as they had '
-        'the stamp of the first reward, and those that differ by gripper are not; publish whole '
-        'states, or merge the parts with the sampler'
+        'states with different channels alternate: those with shoulder, elbow are used, because '
+        'they had the stamp of the first reward; those that differ by gripper are dropped; publish '
+        'complete states, or merge the parts with the sampler'
     )
     robot.until(lambda: robot.diagnostics[INPUT][:2] == (WARN, expected))
     assert selector.output.count(expected) == 1

@@ -1,4 +1,4 @@
-"""The newest episodes, bounded in number and in memory."""
+"""A buffer of the newest episodes, bounded in number and memory."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ from cmifs_ros.core.words import counted
 
 
 class EpisodeBuffer:
-    """Keep the newest episodes; the oldest leave when there is no room for a new one.
+    """Keep the newest episodes; the oldest are removed to make room for a new one.
 
-    The same episode twice (the same states and rewards) is a copy, as of a bag that is played in a
-    loop, and no evidence: it is counted and not kept.
+    An exact copy of an episode (same states and rewards), as from a bag played in a loop, is no
+    further evidence: it is counted but not kept.
 
     Parameters
     ----------
     max_episodes : int
         Greatest number of episodes held, at least 1.
     max_bytes : int, optional
-        Greatest size of their arrays, at least 1; None sets no bound.
+        Greatest size of their arrays, at least 1; None: unlimited.
 
     Attributes
     ----------
     num_repeated : int
-        Copies that were not kept.
+        Number of copies that were not kept.
 
     Raises
     ------
@@ -51,7 +51,7 @@ class EpisodeBuffer:
 
     @property
     def max_episodes(self) -> int:
-        """Greatest number of episodes held; the oldest leave when it is lowered."""
+        """Greatest number of episodes held; lowering it removes the oldest."""
         return self._max_episodes
 
     @max_episodes.setter
@@ -61,7 +61,7 @@ class EpisodeBuffer:
 
     @property
     def max_bytes(self) -> int | None:
-        """Greatest size of the episodes' arrays; the oldest leave when it is lowered."""
+        """Greatest size of the episodes' arrays in bytes; lowering it removes the oldest."""
         return self._max_bytes
 
     @max_bytes.setter
@@ -80,13 +80,13 @@ class EpisodeBuffer:
         return self._nbytes
 
     def append(self, episode: Episode) -> bool:
-        """Add one episode; return False if it is held already.
+        """Add one episode; return False if it is a copy of one held.
 
         Raises
         ------
         ValueError
-            If its number of channels differs from that of the episodes held, or if it is
-            larger than `max_bytes`.
+            If its number of channels differs from that of the episodes held, or if it exceeds
+            `max_bytes`.
 
         """
         held = next(iter(self._episodes.values()), episode)
@@ -110,19 +110,19 @@ class EpisodeBuffer:
         return True
 
     def forget(self, episodes: Iterable[Episode]) -> None:
-        """Forget some episodes; those that are not held any more are no mistake."""
+        """Remove some episodes; those no longer held are ignored."""
         for episode in episodes:
             held = self._episodes.pop(_digest(episode), None)
             if held is not None:
                 self._count_out(held)
 
     def clear(self) -> None:
-        """Forget all episodes."""
+        """Remove all episodes."""
         self._episodes.clear()
         self._num_steps = self._nbytes = 0
 
     def snapshot(self) -> tuple[Episode, ...]:
-        """Return the episodes held now, oldest first; later changes do not touch it."""
+        """Return the episodes held now, oldest first; later changes do not affect the result."""
         return tuple(self._episodes.values())
 
     def _make_room(self, num_episodes: int, nbytes: int) -> None:

@@ -1,4 +1,4 @@
-"""Whether the data still look like those that a selection rests on."""
+"""Detect covariate shift: whether new data still resemble those a selection was made from."""
 
 from __future__ import annotations
 
@@ -7,29 +7,29 @@ import numpy as np
 from cmifs_ros.core import Episode
 from cmifs_ros.core.selection import Selection
 
-#: A channel has changed if its mean moved by more than this many standard deviations,
+#: A channel has shifted if its mean moved by more than this many standard deviations,
 MAX_SHIFT = 1.0
-#: or if its values spread, about the old mean, this many times as far.
+#: or if its spread around the old mean grew by more than this factor.
 MAX_SPREAD = 2.0
 
 
 class Drift:
     """Compare the newest episodes with those of a selection, channel by channel.
 
-    The newest are averaged with exponentially fading weights, so that a sudden change shows
-    however many episodes came before it.
+    New episodes are averaged with exponentially decaying weights, so a sudden change is detected no
+    matter how many episodes came before it.
 
     Parameters
     ----------
     selection : Selection
     horizon : int
-        Number of episodes over which the weights fade; before that many nothing is said.
+        Number of episodes over which the weights decay. No change is reported before that many.
 
     """
 
     def __init__(self, selection: Selection, horizon: int):
         self._means = np.array(selection.means)
-        # A constant channel has changed as soon as it is another constant.
+        # A constant channel has shifted as soon as it has another value.
         rounding = 1e-9 * np.abs(self._means)
         self._spreads = np.maximum(selection.spreads, np.maximum(rounding, np.finfo(float).tiny))
         self._horizon = horizon
@@ -38,12 +38,12 @@ class Drift:
         self._square = np.zeros(len(self._means))
 
     def add(self, episode: Episode) -> None:
-        """Take a new episode; one with other channels is passed over."""
+        """Add a new episode; one with another number of channels is ignored."""
         values = np.column_stack([episode.states, episode.rewards])
         if values.shape[1] != len(self._means):
             return
         with np.errstate(over='ignore', invalid='ignore'):
-            # Clipped, that squares stay finite.
+            # Clipped so that squares stay finite.
             scaled = np.clip((values - self._means) / self._spreads, -1e6, 1e6)
             self._count += 1
             weight = 1 / min(self._count, self._horizon)
@@ -51,7 +51,7 @@ class Drift:
             self._square += weight * ((scaled**2).mean(axis=0) - self._square)
 
     def changed(self) -> list[int]:
-        """Return the channels that have changed; the one after the last is the reward."""
+        """Return the indices of the channels that have shifted; v stands for the reward."""
         if self._count < self._horizon:
             return []
         has_moved = (np.abs(self._shift) > MAX_SHIFT) | (self._square > MAX_SPREAD**2)

@@ -1,4 +1,4 @@
-"""Whether episodes end as they should and are enough to select by, before anything is computed."""
+"""Check, before selecting, that episodes end properly and are numerous enough."""
 
 from __future__ import annotations
 
@@ -6,25 +6,25 @@ from collections.abc import Sequence
 
 from cmifs_ros.core.words import counted
 
-#: Below this number hardly any sensor can be told from chance; as the selector's min_episodes.
+#: With fewer episodes hardly any sensor can be confirmed; equal to the selector's min_episodes.
 FEW = 20
 _SAY_ENDS = (
-    'say what ends an episode, by `episode` in the robot file (`steps: 25` makes windows of 25 '
-    'steps) or by `terminated` and `truncated` in the messages of the rewards'
+    'say what ends an episode, by `episode` in the robot file (`steps: 25` gives windows of 25 '
+    'steps) or by `terminated` and `truncated` in the reward messages'
 )
 
 
 def problems_of_episodes(lengths: Sequence[int], num_cut: int, num_open_steps: int) -> list[str]:
-    """Return what is wrong with the episodes, in sentences with a remedy: causes come first.
+    """Return problems of the episodes as sentences with a remedy, causes first.
 
     Parameters
     ----------
     lengths : sequence of int
-        The steps of each whole episode.
+        Number of steps of each complete episode.
     num_cut : int
-        How many of them were closed at the greatest length.
+        Number of episodes that were cut at the greatest length.
     num_open_steps : int
-        Steps since the last end.
+        Number of steps since the last end.
 
     """
     problems = []
@@ -40,12 +40,12 @@ def problems_of_episodes(lengths: Sequence[int], num_cut: int, num_open_steps: i
     num_single = sum(length == 1 for length in lengths)
     if num_single > count / 2:
         problems.append(
-            f'a single step in {num_single} of {whole}: what ends one seems to be so at each step; '
-            'an end by a topic needs one that speaks at ends only'
+            f'a single step in {num_single} of {whole}: the end condition seems to hold at every '
+            'step; a topic that ends episodes must publish at ends only'
         )
     if count < FEW:
         problems.append(
-            f'{whole}; expected at least {FEW}, better 50: by fewer, few sensors are told from '
-            'chance. One that lacks a step, or was not recorded from begin to end, does not count'
+            f'{whole}; expected at least {FEW}, better 50: fewer give too little evidence. '
+            'Episodes that lack a step, or were not recorded from beginning to end, do not count'
         )
     return problems

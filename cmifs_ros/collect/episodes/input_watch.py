@@ -1,4 +1,4 @@
-"""What is wrong with the input, in words: the cause before what follows from it, with a remedy."""
+"""Describe problems of the input: causes before their consequences, with a remedy."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ from .pairing import EpisodeAssembler
 
 #: Seconds without a message after which a topic counts as silent.
 SILENCE = 5.0
-#: Seconds for which a drop is spoken of, and between two log lines of drops.
+#: Seconds for which a drop is reported, and between two log lines about drops.
 _MEMORY = 20.0
 _LOG_PERIOD = 10.0
-#: Causes of drops that follow from other drops are named only where these are not.
+#: Causes that follow from other drops; reported only if no other cause is.
 _CONSEQUENCES = (
     'lost_end', 'step_gap', 'lost_state', 'joined_midway',
     'state_without_reward', 'reward_without_state', 'too_late',
 )  # fmt: skip
-#: Kinds of problems that are logged as soon as they are seen.
+#: Categories of problems that are logged as soon as they are detected.
 _LOGGED = {'clash', 'parts', 'restart', 'stamps'}
 
 
 @dataclass(frozen=True)
 class Topic:
-    """What is known of an input topic.
+    """What is known about an input topic.
 
     Attributes
     ----------
@@ -37,9 +37,9 @@ class Topic:
     expected : str
         The message type.
     publishers : sequence of str
-        Nodes that publish it with that type.
+        Nodes that publish it with the expected type.
     clashes : mapping of str to sequence of str
-        By another type, the nodes that publish it with that.
+        Nodes that publish it with another type, by that type.
 
     """
 
@@ -51,7 +51,7 @@ class Topic:
 
 @dataclass(frozen=True)
 class Assessment:
-    """How the input is: `level` is 'OK', 'WARN' or 'STALE', `kind` a word for the message."""
+    """State of the input: `level` is 'OK', 'WARN' or 'STALE', `kind` categorises the message."""
 
     level: str
     kind: str
@@ -59,19 +59,19 @@ class Assessment:
 
 
 class InputWatch:
-    """Look at an assembler about once a second and say what is wrong.
+    """Inspect an assembler about once a second and describe what is wrong.
 
     Attributes
     ----------
     assessment : Assessment
-        The newest.
+        The newest one.
 
     """
 
     def __init__(self, assembler: EpisodeAssembler, buffer: EpisodeBuffer):
         self._assembler, self._buffer = assembler, buffer
         self.assessment = Assessment('OK', 'none', '')
-        #: Time, drops, and how often the channels changed, oldest first.
+        #: Time, drops, and number of changes of the channels, oldest first.
         self._counts: deque[tuple[float, Counter, int]] = deque([(-math.inf, Counter(), 0)])
         self._last_transitions = 0
         self._is_unmatched = False
@@ -81,7 +81,7 @@ class InputWatch:
         self._said_cut = self._said_repeated = False
 
     def look(self, now: float, topics: Mapping[str, Topic]) -> list[str]:
-        """Take what is so at a time in seconds; return what is new and worth a warning."""
+        """Assess the input at a time in seconds; return new messages worth a warning."""
         counts = self._counted()
         self._counts.append((now, counts, self._assembler.reader.num_switches))
         while len(self._counts) > 2 and self._counts[1][0] < now - _MEMORY:
@@ -105,7 +105,7 @@ class InputWatch:
     def _counted(self) -> Counter:
         assembler = self._assembler
         counts = assembler.dropped_messages + assembler.dropped_episodes
-        # Where most states have no reward, that is the rule and nothing is wrong.
+        # If most states have no reward, rewards are rarer by design.
         if counts['state_without_reward'] >= assembler.num_transitions / 2 > 0:
             del counts['state_without_reward']
         return counts
@@ -141,18 +141,18 @@ class InputWatch:
             return Assessment(
                 'WARN',
                 'parts',
-                f'states of different channels take turns: those of {listed(reader.channel_names)} '
-                f'are taken, as they had the stamp of the first reward, and those that differ by '
-                f'{listed(reader.last_foreign)} are not; publish whole states, or merge the parts '
-                'with the sampler',
+                'states with different channels alternate: those with '
+                f'{listed(reader.channel_names)} are used, because they had the stamp of the first '
+                f'reward; those that differ by {listed(reader.last_foreign)} are dropped; publish '
+                'complete states, or merge the parts with the sampler',
             )
         if reader.foreign:
             return Assessment(
                 'WARN',
                 'restart',
-                f'states now have the channels {listed(reader.foreign)} in place of '
-                f'{listed(reader.channel_names)}, and are dropped; to begin anew with these call '
-                '~/clear_episodes, or set restart_on_new_channels',
+                f'states now have the channels {listed(reader.foreign)} instead of '
+                f'{listed(reader.channel_names)} and are dropped; to start over with them, call '
+                '~/clear_episodes or set restart_on_new_channels',
             )
         return None
 
@@ -179,16 +179,16 @@ class InputWatch:
         if self._assembler.num_cut and not self._said_cut:
             self._said_cut = True
             lines.append(
-                f'an episode was closed at step {self._assembler.max_episode_steps} or where it '
-                'would outgrow the memory: if episodes are longer, raise max_episode_steps or '
-                'max_buffer_mb; if they end earlier, have the reward messages say so by '
-                '`terminated` or `truncated`'
+                f'an episode was closed at step {self._assembler.max_episode_steps}, or because it '
+                'would exceed the memory: if episodes are longer, raise max_episode_steps or '
+                'max_buffer_mb; if they end earlier, set `terminated` or `truncated` in the reward '
+                'messages'
             )
         if self._buffer.num_repeated and not self._said_repeated:
             self._said_repeated = True
             lines.append(
-                'an episode came again with the same states and rewards and is not kept: is a bag '
-                'played in a loop, or a simulation started again with the same seed?'
+                'an exact copy of an earlier episode was dropped: is a bag played in a loop, or a '
+                'simulation restarted with the same seed?'
             )
         return lines
 
@@ -221,12 +221,12 @@ def _problem_of_flow(topics: Mapping[str, Topic]) -> Assessment | None:
     if reward.silence > SILENCE:
         what = f'states come, but no reward for {SILENCE:.0f} s{_without_publisher(reward)}'
         return Assessment('WARN', 'silent', what)
-    rivals = [name for name, topic in topics.items() if len(topic.publishers) > 1]
-    if rivals:
+    shared = [name for name, topic in topics.items() if len(topic.publishers) > 1]
+    if shared:
         return Assessment(
             'WARN',
-            'rivals',
-            f'more than one node publishes {listed(rivals)}, so that episodes may be mixed: '
-            f'{listed(topics[rivals[0]].publishers)}',
+            'shared',
+            f'more than one node publishes {listed(shared)}, so episodes may be mixed: '
+            f'{listed(topics[shared[0]].publishers)}',
         )
     return None

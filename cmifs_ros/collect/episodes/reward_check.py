@@ -1,4 +1,4 @@
-"""Whether the rewards leave anything to explain, before anything is selected by them."""
+"""Check, before selecting, that the returns differ between the episodes."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ import numpy as np
 from cmifs_ros.core import Episode
 from cmifs_ros.core.words import counted
 
-#: Rewards that differ by less than this share of the greatest do so by rounding.
+#: Rewards that differ by less than this share of the greatest are equal up to rounding.
 _ROUNDING = 1e-9
 
 
 def problem_of_rewards(episodes: Sequence[Episode]) -> str:
-    """Return why no step's return differs between the episodes, or nothing if one does.
+    """Return why the return of no step differs between the episodes; empty if one does.
 
-    A reward that never differs is no problem by itself: where each step costs the same, the return
-    tells how soon the episode ends. So all episodes have to be paid alike, step by step, and what
-    one lasts longer than another has to pay nothing.
+    A constant reward is no problem by itself: if each step costs the same, the return depends on
+    how soon the episode ends. The returns are equal only if all episodes have the same rewards
+    step by step, and the additional steps of longer episodes have the reward 0.
 
     Parameters
     ----------
@@ -35,11 +35,9 @@ def problem_of_rewards(episodes: Sequence[Episode]) -> str:
         if differs.any() or (np.abs(rest) > tolerance).any():
             return ''
     is_constant = np.ptp(longest) <= tolerance
-    what = (
-        f'every reward is {longest[0]:g}' if is_constant else 'the rewards are the same each time'
-    )
+    what = f'every reward is {longest[0]:g}' if is_constant else 'the rewards repeat exactly'
     return (
-        f'{what}, in all {counted(len(episodes), "episode")}: no return differs, and there is '
-        'nothing to select by; say what pays, by `reward` in the robot file or in the messages of '
-        'the rewards'
+        f'{what}, in all {counted(len(episodes), "episode")}: no return differs between the '
+        'episodes, so nothing can be selected; define a reward that differs, by `reward` in the '
+        'robot file or in the reward messages'
     )

@@ -1,4 +1,4 @@
-"""Saving so that a killed process loses nothing, and the node never waits for a disk."""
+"""Save episodes so that a killed process loses nothing and the node never waits for the disk."""
 
 from __future__ import annotations
 
@@ -15,48 +15,48 @@ from .file import EpisodeFile, Saved
 
 #: Seconds until a failed save is tried again.
 RETRY_PERIOD = 5.0
-#: Least number of bytes appended before the file is written anew; else as many as it began with.
+#: The file is rewritten when the appended bytes exceed this and its initial size.
 _LEAST_APPENDED = 1_000_000
-#: Seconds between two waits for the disk: what is newer is lost with the machine's power.
+#: Seconds between two synchronisations; a power failure loses what is newer.
 _SYNC_PERIOD = 1.0
-#: Seconds that the end of the node waits for the last save.
+#: Seconds that shutdown waits for the last save.
 _LAST_SAVE = 1.0
 
 
 @dataclass(frozen=True)
 class _Save:
-    """What a file is to begin with, and the records of the episodes that came since."""
+    """The initial contents of a file, and the records of the episodes appended since."""
 
     saved: Saved
     records: list[bytes] = field(default_factory=list)
 
 
 class EpisodeSaver:
-    """Keep a file of episodes: each new one is appended at once, all else is saved in a thread.
+    """Keep a file of episodes: new episodes are appended at once, all else is saved by a thread.
 
-    An episode that was appended outlives a process that is killed: the system has it, and brings it
-    to the disk later, for which the thread waits. To save is to write a new file with the newest of
-    what is given and with the episodes appended meanwhile, and to put it in the place of the old
-    one. A save that fails is tried again, with the newest.
+    An appended episode survives the killing of the process: the operating system has it and writes
+    it to disk later, for which the thread waits. A save writes a new file, with the newest contents
+    and the episodes appended meanwhile, and replaces the old one. A failed save is retried with the
+    newest contents.
 
     Parameters
     ----------
     path : str
-        The file; it belongs to this object alone, which `path` with `.lock` added tells others.
+        The file. A lock file, `path` with `.lock` added, reserves it for this object.
 
     Attributes
     ----------
     error : str
-        Why the last save failed; empty if it did not.
+        Why the last save failed; empty if it succeeded.
     num_saves : int
-        How many succeeded.
+        Number of successful saves.
     nbytes, seconds : int, float
-        Size of the file, and duration of the last save that succeeded.
+        Size of the file, and duration of the last successful save.
 
     Raises
     ------
     ValueError
-        If the path cannot be a file of its own.
+        If the path cannot be used for such a file.
 
     """
 
@@ -81,7 +81,7 @@ class EpisodeSaver:
         return 0 if self._file is None else self._file.size
 
     def append(self, episode: Episode, channel_names: tuple[str, ...]) -> bool:
-        """Add an episode to the file, now; return False if everything is to be saved instead."""
+        """Append an episode to the file; return False if everything must be saved instead."""
         with self._condition:
             saves = [save for save in (self._pending, self._writing) if save is not None]
             newest = saves[0].saved if saves else self._file
@@ -105,13 +105,13 @@ class EpisodeSaver:
             return bool(saves) or not is_long
 
     def save(self, saved: Saved) -> None:
-        """Have this saved, in place of anything not yet begun. Never blocks."""
+        """Request a save, which replaces any save not yet started. Never blocks."""
         with self._condition:
             self._pending = _Save(saved)
             self._condition.notify()
 
     def stop(self) -> None:
-        """Finish what is under way and the last save, if that takes no longer than a second."""
+        """Finish the running and the requested save, if that takes no longer than a second."""
         with self._condition:
             self._stopping = True
             self._condition.notify()
@@ -149,7 +149,7 @@ class EpisodeSaver:
     def _write(self, save: _Save) -> None:
         begin = time.monotonic()
         file = EpisodeFile(self.path, save.saved)
-        with self._condition:  # Nothing is appended to the old file any more.
+        with self._condition:  # Nothing is appended to the old file from here on.
             try:
                 for record in save.records:
                     file.append(record)
@@ -181,7 +181,7 @@ def _lock(path: str) -> int | None:
     try:
         descriptor = os.open(f'{path}.lock', os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o600)
     except OSError:
-        return None  # A full or read-only disk, as the first save will tell.
+        return None  # The disk is full or read-only, which the first save will report.
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:

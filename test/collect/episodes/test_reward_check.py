@@ -14,7 +14,7 @@ def episodes(*rewards):
         ([[-1] * 3, [-1] * 3], 'every reward is -1, in all 2 episodes: no return differs'),
         ([[0] * 3, [0] * 5, [0]], 'every reward is 0, in all 3 episodes: no return differs'),
         ([[0.1 + 0.2] * 2, [0.3] * 2], 'every reward is 0.3'),
-        ([[0, 1, 0], [0, 1]], 'the rewards are the same each time, in all 2 episodes'),
+        ([[0, 1, 0], [0, 1]], 'the rewards repeat exactly, in all 2 episodes'),
     ],
 )
 def test_rewards_by_which_no_return_differs_are_told_with_a_remedy(rewards, said):
