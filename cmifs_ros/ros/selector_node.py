@@ -22,7 +22,7 @@ from std_srvs.srv import Trigger
 
 from cmifs_ros.collect.episodes.buffer import EpisodeBuffer
 from cmifs_ros.collect.episodes.drift import Drift
-from cmifs_ros.collect.episodes.file import Saved
+from cmifs_ros.collect.episodes.file_format import Saved
 from cmifs_ros.collect.episodes.filter import StateFilter
 from cmifs_ros.collect.episodes.reward_check import problem_of_rewards
 from cmifs_ros.collect.selection_fields import fields_of

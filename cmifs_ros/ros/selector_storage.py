@@ -8,7 +8,8 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.node import Node
 
 from cmifs_ros.collect.episodes import file as episode_file
-from cmifs_ros.collect.episodes.file import Saved
+from cmifs_ros.collect.episodes.file_format import Saved
+from cmifs_ros.collect.episodes.file_reader import RefusedFileError, read_episodes
 from cmifs_ros.collect.episodes.saver import EpisodeSaver
 from cmifs_ros.core import Episode
 from cmifs_ros.core.words import counted, listed
@@ -42,10 +43,10 @@ class SelectorStorage:
         """Return what the last run left, or None if that is nothing of use."""
         path = self._path
         try:
-            saved = episode_file.read(path, max_episodes, max_bytes)
+            saved = read_episodes(path, max_episodes, max_bytes)
         except FileNotFoundError:
             return None
-        except (OSError, episode_file.RefusedFileError) as error:
+        except (OSError, RefusedFileError) as error:
             reason = error.strerror if isinstance(error, OSError) else error
             try:
                 aside = f'is kept as {episode_file.set_aside(path)}'

@@ -22,7 +22,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from std_srvs.srv import Trigger
 from tqdm import tqdm
 
-from cmifs_ros.collect.episodes import file as episode_file
+from cmifs_ros.collect.episodes.file_reader import read_episodes
 from cmifs_ros.collect.selection_fields import selection_of
 from cmifs_ros.core import Episode
 from cmifs_ros.core.selection import Selection
@@ -148,7 +148,7 @@ def run(options: argparse.Namespace) -> None:
         if select_from_bag.main([*arguments, '--episodes-file', str(folder / 'from_bag')]):
             raise CommandError('select_from_bag failed')
         one, other = (
-            episode_file.read(folder / which, max_episodes=options.goals, max_bytes=10**9)
+            read_episodes(folder / which, max_episodes=options.goals, max_bytes=10**9)
             for which in ('live', 'from_bag')
         )
         from_bag = selection_of(json.loads((folder / 'selection.json').read_text()))

@@ -17,7 +17,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Int32MultiArray
 from std_srvs.srv import Trigger
 
-from cmifs_ros.collect.episodes import file as episode_file
+from cmifs_ros.collect.episodes.file_reader import read_episodes
 from cmifs_ros.ros import conversions
 from cmifs_ros.ros.run_node import make_executor
 from cmifs_ros.tools.program import CommandError
@@ -206,7 +206,7 @@ class Robot:
 
     def numbers_in(self, path: Path) -> list[list[int]]:
         """Return the episodes of a file, and raise unless each of them was sent as it is."""
-        saved = episode_file.read(path, max_episodes=10**6, max_bytes=10**10)
+        saved = read_episodes(path, max_episodes=10**6, max_bytes=10**10)
         found = [episode.rewards.astype(int).tolist() for episode in saved.episodes]
         for episode, numbers in zip(saved.episodes, found, strict=True):
             whole = list(range(numbers[0], numbers[0] + LENGTH))

@@ -10,7 +10,8 @@ import pytest
 from sensor_msgs.msg import JointState
 
 from cmifs_ros.collect.episodes import file as episode_file
-from cmifs_ros.collect.episodes.file import Saved
+from cmifs_ros.collect.episodes.file_format import Saved
+from cmifs_ros.collect.episodes.file_reader import read_episodes
 from cmifs_ros.collect.episodes.pairing import RewardSample
 from cmifs_ros.core import Episode
 from cmifs_ros.ros import conversions
@@ -52,7 +53,7 @@ def start_selector(start, make_robot, path):
 
 
 def saved_numbers(path, max_episodes=1000):
-    saved = episode_file.read(path, max_episodes, max_bytes=10**9)
+    saved = read_episodes(path, max_episodes, max_bytes=10**9)
     return [int(episode.states[0, 0]) for episode in saved.episodes]
 
 
@@ -154,7 +155,7 @@ def test_of_more_than_there_is_room_for_the_newest_come_back(start_selector, pat
 
 @pytest.mark.parametrize(
     ('damage', 'message'),
-    [  # What else there is, test_episode_file.py knows.
+    [  # What else there is, test_file_reader.py knows.
         (lambda whole: whole[:-40], 'is truncated: it has '),
         (lambda whole: whole.replace(b'episodes 4', b'episodes 1'), 'is of format version 1'),
     ],

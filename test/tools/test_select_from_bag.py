@@ -14,7 +14,7 @@ pytest.importorskip('rosbags', reason='rosbags is not here')
 from bags import ROBOT, episodes_of, write_bag, write_states_and_rewards
 
 from cmifs_ros.collect.bag import BagError, episodes_of_bag, open_bag
-from cmifs_ros.collect.episodes import file as episode_file
+from cmifs_ros.collect.episodes.file_reader import read_episodes
 from cmifs_ros.collect.robot_file.reader import parse_robot_file
 from cmifs_ros.tools.make_robot_file import main as make_robot_file
 from cmifs_ros.tools.select_from_bag import main
@@ -95,7 +95,7 @@ def test_several_bags_are_pooled_and_everything_is_written(tmp_path, robot, caps
     assert selection['episodes'] == 30
     assert (out / 'selection.png').read_bytes().startswith(b'\x89PNG')
     assert '<h1>Selected: x' in (out / 'page' / 'index.html').read_text()
-    found = episode_file.read(saved, max_episodes=100, max_bytes=10**9)
+    found = read_episodes(saved, max_episodes=100, max_bytes=10**9)
     assert found.channel_names == ('x', 'noise', 'still')
     assert found.selection.names == tuple(selection['names'])
     for episode, (states, rewards) in zip(found.episodes, expected, strict=True):
@@ -110,7 +110,7 @@ def test_the_episodes_file_can_be_taken_up_where_nothing_was_selected(tmp_path):
     options = ['--robot', str(file), '--out', str(tmp_path), '--episodes-file', str(saved)]
     assert main([str(tmp_path / 'bag'), *options]) == 0
     assert json.loads((tmp_path / 'selection.json').read_text())['names'] == []
-    found = episode_file.read(saved, max_episodes=100, max_bytes=10**9)
+    found = read_episodes(saved, max_episodes=100, max_bytes=10**9)
     assert (len(found.episodes), found.selection) == (10, None)
 
 

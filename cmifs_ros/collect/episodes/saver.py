@@ -11,7 +11,8 @@ from dataclasses import dataclass, field
 from cmifs_ros.core import Episode
 
 from . import file as episode_file
-from .file import EpisodeFile, Saved
+from .file import EpisodeFile
+from .file_format import Saved
 
 #: Seconds until a failed save is tried again.
 RETRY_PERIOD = 5.0

@@ -1,0 +1,209 @@
+"""What was written is read, and nothing else is believed."""
+
+import hashlib
+import json
+import os
+import pickle
+import zlib
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+from saved_episodes import ENOUGH, NAMES, SELECTION, episodes, same
+from selections import selection, sensor
+
+from cmifs_ros.collect.episodes import file as episode_file
+from cmifs_ros.collect.episodes.file_format import Saved
+from cmifs_ros.collect.episodes.file_reader import RefusedFileError, read_episodes
+from cmifs_ros.collect.selection_fields import fields_of
+from cmifs_ros.core import Episode
+
+
+def sealed(text, data=b''):
+    """Return a file with the right checksum, whatever it says."""
+    content = b'cmifs_ros episodes 4\n' + text.encode() + b'\n' + data
+    return content + hashlib.sha256(content).digest()
+
+
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=50)
+@given(data=st.data())
+def test_what_was_written_is_read(tmp_path, data):
+    names = data.draw(
+        st.lists(st.text(min_size=1, max_size=9), min_size=1, max_size=4, unique=True)
+    )
+    finite = st.floats(allow_nan=False, allow_infinity=False)
+    sent = []
+    for length in data.draw(st.lists(st.integers(1, 5), max_size=4)):
+        values = data.draw(hnp.arrays(float, (length, len(names) + 1), elements=finite))
+        sent.append(Episode(values[:, 1:], values[:, 0]))
+    path = tmp_path / 'episodes'
+    num_appended = data.draw(st.integers(0, len(sent)))
+    first = sent[: len(sent) - num_appended]
+    episode_file.write(path, Saved(tuple(names), first, SELECTION, 12.5))
+    with path.open('ab') as file:
+        file.writelines(map(episode_file.record, sent[len(first) :]))
+    got = read_episodes(path, **ENOUGH)
+    assert (got.channel_names, got.selection, got.selected_at) == (tuple(names), SELECTION, 12.5)
+    assert got.torn_bytes == 0
+    assert len(got.episodes) == len(sent)
+    assert all(map(same, got.episodes, sent))
+    assert os.listdir(tmp_path) == ['episodes']
+
+
+@pytest.mark.parametrize('version', [2, 3])
+def test_an_older_file_is_read_without_its_selection(tmp_path, version):
+    path, (sent,) = tmp_path / 'episodes', episodes(1)
+    selection = {'indices': [1], 'names': ['b'], 'ranking': ['b', 'a'], 'scores': [0.5, 0.4]}
+    header = {'channels': NAMES, 'lengths': [4], 'selection': selection, 'selected_at': 1.0}
+    content = f'cmifs_ros episodes {version}\n{json.dumps(header)}\n'.encode()
+    content += sent.states.tobytes() + sent.rewards.tobytes()
+    path.write_bytes(content + hashlib.sha256(content).digest())
+    found = read_episodes(path, **ENOUGH)
+    assert found.selection is None
+    assert all(map(same, found.episodes, [sent]))
+
+
+def test_nothing_at_all_can_be_saved_too(tmp_path):
+    episode_file.write(tmp_path / 'x', Saved(None, ()))
+    assert read_episodes(tmp_path / 'x', **ENOUGH) == Saved(None, [])
+
+
+@pytest.mark.parametrize('num_saved', [0, 4, 5])
+def test_of_too_much_the_newest_is_read(tmp_path, num_saved):
+    path, sent = tmp_path / 'x', episodes(5)
+    episode_file.write(path, Saved(NAMES, sent[:num_saved]))
+    with path.open('ab') as file:
+        file.writelines(map(episode_file.record, sent[num_saved:]))
+    for bounds in ({'max_episodes': 2, 'max_bytes': 10**6}, {'max_episodes': 9, 'max_bytes': 200}):
+        got = read_episodes(path, **bounds).episodes
+        assert len(got) == 2
+        assert all(map(same, got, sent[-2:]))
+
+
+def test_every_truncation_and_every_changed_byte_is_noticed(tmp_path):
+    path = tmp_path / 'x'
+    episode_file.write(path, Saved(NAMES, episodes(2, steps=2), SELECTION, 1.0))
+    whole = path.read_bytes()
+    damaged = [whole[:size] for size in range(len(whole))]
+    for i in range(len(whole)):
+        damaged.append(whole[:i] + bytes([whole[i] ^ 1]) + whole[i + 1 :])
+    for content in damaged:
+        path.write_bytes(content)
+        with pytest.raises(RefusedFileError):
+            read_episodes(path, **ENOUGH)
+
+
+def test_an_episode_appended_in_part_is_dropped_and_told_but_a_changed_byte_refused(tmp_path):
+    path, sent = tmp_path / 'x', episodes(3, steps=2)
+    episode_file.write(path, Saved(NAMES, sent[:1]))
+    whole = path.read_bytes()
+    first, second = map(episode_file.record, sent[1:])
+    for size in range(len(second)):
+        path.write_bytes(whole + first + second[:size])
+        got = read_episodes(path, **ENOUGH)
+        assert (len(got.episodes), got.torn_bytes) == (2, size)
+    appended = first + second
+    for i in range(len(appended)):
+        changed = appended[:i] + bytes([appended[i] ^ 1]) + appended[i + 1 :]
+        path.write_bytes(whole + changed)
+        with pytest.raises(RefusedFileError, match='is corrupt'):
+            read_episodes(path, **ENOUGH)
+
+
+def test_a_record_with_right_checksums_is_not_believed_either(tmp_path):
+    path = tmp_path / 'x'
+
+    def read(names, length, values):
+        header = length.to_bytes(8, 'little')
+        header += zlib.crc32(header).to_bytes(4, 'little')
+        content = header + np.array(values).tobytes()
+        episode_file.write(path, Saved(names, ()))
+        with path.open('ab') as file:
+            file.write(content + hashlib.sha256(content).digest())
+        return read_episodes(path, **ENOUGH)
+
+    assert len(read(('a',), 1, [0.0, 0.0]).episodes) == 1
+    for names, length, values in ((('a',), 0, []), (None, 1, [0.0]), (('a',), 1, [0.0, np.inf])):
+        with pytest.raises(RefusedFileError):
+            read(names, length, values)
+    assert read(('a',), 2**63, [0.0, 0.0]).torn_bytes == 60  # nothing of that size is allocated
+
+
+class Bomb:
+    def __reduce__(self):
+        return os.mkdir, ('executed',)
+
+
+@pytest.mark.parametrize(
+    ('content', 'message'),
+    [
+        (b'', 'is no episodes file'),
+        (b'%PDF-1.7 thesis', 'is no episodes file'),
+        (pickle.dumps(Bomb()), 'is no episodes file'),
+        (b'cmifs_ros episodes 1\n{}\n', 'is of format version 1; expected 4'),
+        (b'cmifs_ros episodes 5\n', 'is of format version 5; expected 4'),
+        (b'cmifs_ros episodes 2\n{"channels": []', 'is truncated'),
+    ],
+)
+def test_other_files_are_refused_and_run_nothing(tmp_path, monkeypatch, content, message):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / 'x').write_bytes(content)
+    with pytest.raises(RefusedFileError, match=message):
+        read_episodes('x', **ENOUGH)
+    assert os.listdir(tmp_path) == ['x']
+
+
+HEADER = {'channels': ['a'], 'lengths': [1], 'selection': None, 'selected_at': 0.0}
+
+
+@pytest.mark.parametrize(
+    'change',
+    [
+        {'channels': ['a', 'a']},
+        {'channels': ['']},
+        {'channels': ['a' * 257]},
+        {'channels': [str(n) for n in range(5000)]},
+        {'channels': 'a'},
+        {'channels': [], 'lengths': [2]},
+        {'lengths': [-1]},
+        {'lengths': [0]},
+        {'lengths': [1.0]},
+        {'lengths': [10**15]},
+        {'lengths': [10**400]},
+        {'lengths': None},
+        {'selection': {}},
+        {'selection': fields_of(SELECTION) | {'indices': [10**9]}},
+        {'selection': fields_of(SELECTION) | {'means': [1.0]}},
+        {'selection': fields_of(selection(sensor('a')))},  # of nothing
+        {'selected_at': 'now'},
+    ],
+)
+def test_a_header_with_a_right_checksum_is_not_believed_either(tmp_path, change):
+    path = tmp_path / 'x'
+    path.write_bytes(sealed(json.dumps(HEADER), np.zeros(2).tobytes()))
+    assert len(read_episodes(path, **ENOUGH).episodes) == 1
+    path.write_bytes(sealed(json.dumps(HEADER | change), np.zeros(2).tobytes()))
+    with pytest.raises(RefusedFileError):
+        read_episodes(path, **ENOUGH)
+
+
+@pytest.mark.parametrize('text', ['[' * 100_000, '"' + 'x' * 2**26, '[]', 'NaN'])
+def test_odd_json_is_refused(tmp_path, text):
+    (tmp_path / 'x').write_bytes(sealed(text))
+    with pytest.raises(RefusedFileError):
+        read_episodes(tmp_path / 'x', **ENOUGH)
+
+
+def test_values_that_are_not_finite_are_refused(tmp_path):
+    (tmp_path / 'x').write_bytes(sealed(json.dumps(HEADER), np.array([0.0, np.nan]).tobytes()))
+    with pytest.raises(RefusedFileError, match='expected finite'):
+        read_episodes(tmp_path / 'x', **ENOUGH)
+
+
+def test_a_giant_file_is_refused_by_its_size(tmp_path):
+    with (tmp_path / 'x').open('wb') as file:
+        file.truncate(2**36)  # sparse
+    with pytest.raises(RefusedFileError, match='expected at most'):
+        read_episodes(tmp_path / 'x', **ENOUGH)
