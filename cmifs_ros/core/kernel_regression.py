@@ -89,6 +89,13 @@ class KernelRegression:
         spread = np.maximum(targets.var(axis=0), np.finfo(float).tiny)
         return self._best((self._errors(targets) / spread).sum(axis=2))
 
+    def predicted_share(self, targets: np.ndarray) -> float:
+        """Return the share of the variance of targets (N, k) that folds left out show, at most."""
+        if not targets.size:
+            return 0.0
+        least = self._errors(targets).min(axis=(0, 1))
+        return float(np.mean(1 - least / (len(targets) * targets.var(axis=0))))
+
     def basis(self, space: Space) -> np.ndarray:
         """Return orthonormal columns (N, p + rank) that span a space."""
         variances, directions = self._spectra[space.width]
