@@ -92,6 +92,12 @@ def _mean_returns(episodes, gamma):
     return np.array([discounted_returns(e.rewards, gamma).mean() for e in episodes])
 
 
+def _is_autocorrelated(means: np.ndarray) -> bool:
+    """Tell whether neighbours are more alike than two standard errors of white noise."""
+    means = means - means.mean()
+    return means[1:] @ means[:-1] > 2 / np.sqrt(len(means)) * (means @ means)
+
+
 def _problems_of_rewards(episodes) -> list[str]:
     rewards = np.concatenate([episode.rewards for episode in episodes])
     squares = (rewards - np.median(rewards)) ** 2
@@ -139,7 +145,7 @@ def _problems_of_order(episodes, gamma) -> list[str]:
             'means nothing, as of files sorted by outcome, set ordered=False'
         ]
     worth = independent_episodes(episodes, gamma)
-    if worth < _FEW_INDEPENDENT * count:
+    if worth < _FEW_INDEPENDENT * count and _is_autocorrelated(_mean_returns(episodes, gamma)):
         return [
             f'{counted(count, "episode")} resemble their neighbours, and are worth about '
             f'{worth:.0f} independent ones'

@@ -8,7 +8,6 @@ import numpy as np
 from scipy import special
 
 from .kernel_regression import corrected_residual, residual
-from .products import sums_of_products
 
 #: Directions of functions that vary less, as a share of the greatest, are left out: they add noise.
 _LEAST_VARIANCE = 1e-2
@@ -67,6 +66,8 @@ class EffectEstimator:
         nothing (a U-statistic, Hoeffding 1948). Its variance is that of the episodes' influence
         on the share, and that which remains where the share is 0.
         """
+        from .episode_sums import sums_of_products
+
         if not functions.size:
             return Effect(0.0, 0.0)
         functions = residual(functions, self._basis)

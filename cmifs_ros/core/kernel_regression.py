@@ -17,7 +17,7 @@ import numpy as np
 _WIDTHS = (0.3, 0.6, 1.2, 2.4, 5.0)
 _RANKS = np.array([0, 1, 2, 3, 4, 6, 8, 11, 16, 23, 32, 45, 64, 90])
 #: Directions of less variance, as a share of the greatest, are rounding errors.
-_LEAST_VARIANCE = 1e-7
+_LEAST_VARIANCE = 1e-10
 #: What a single episode decides has no fit to the others: least share that is left to these.
 _LEAST_LEFT = 1e-4
 

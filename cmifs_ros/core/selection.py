@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import time
+import warnings
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -166,6 +168,8 @@ def select(
         Parameters of the selector.
     action_names, ordered
         As of `ConditionalMISelector.fit`, for the method that has them.
+    action_names, ordered
+        As of `ConditionalMISelector.fit`; KDR has no use for them.
     start : collection of str
         Sensors of an earlier selection.
     num_halves : int
@@ -178,8 +182,11 @@ def select(
 
     """
     begin = time.perf_counter()
+    options: dict[str, Any] = {'names': channel_names}
+    if method == 'conditional_mi':
+        options |= {'action_names': action_names, 'ordered': ordered}
     selector = METHODS[method](**settings)
-    selector.fit(episodes, names=channel_names, start=start, progress=progress)
+    _fit(selector, episodes, start=start, progress=progress, **options)
     outdated = 0
     if least_kept is not None and _has_test(selector):
         pairs = zip(selector.supporting_channels_, selector.pvalues_, strict=True)
@@ -192,12 +199,12 @@ def select(
         )
     if outdated:
         episodes = episodes[outdated:]
-        selector.fit(episodes, names=channel_names, start=start, progress=progress)
+        _fit(selector, episodes, start=start, progress=progress, **options)
     progress(1.0)
     samples = np.concatenate([np.column_stack([e.states, e.rewards]) for e in episodes])
     with np.errstate(over='ignore', invalid='ignore'):  # Huge values: their spread is inf.
         means, spreads = samples.mean(axis=0), samples.std(axis=0)
-    stability = _stability(selector, episodes, channel_names, num_halves)
+    stability = _stability(selector, episodes, options, num_halves)
     return Selection(
         indices=tuple(selector.get_support(indices=True).tolist()),
         sensors=_results(selector, stability),
@@ -207,11 +214,18 @@ def select(
         means=tuple(means.tolist()),
         spreads=tuple(spreads.tolist()),
         outdated=outdated,
-        target=getattr(selector, 'target', RETURN),
+        target=selector.target if method == 'conditional_mi' else RETURN,
         predicted_share=getattr(selector, 'predicted_share_', None),
         predicted_share_of_all=getattr(selector, 'predicted_share_of_all_', None),
         warnings=tuple(getattr(selector, 'warnings_', ())),
     )
+
+
+def _fit(selector: SensorSelector, episodes: Sequence[Episode], **options) -> None:
+    """Fit without Python's warnings: they stand in the selection."""
+    with warnings.catch_warnings():
+        warnings.simplefilter('ignore', UserWarning)
+        selector.fit(episodes, **options)
 
 
 def _has_test(selector: SensorSelector) -> bool:
@@ -252,7 +266,7 @@ def _with_evidence(selector, place: int, sensor: SensorResult) -> SensorResult:
     )
 
 
-def _stability(selector, episodes, channel_names, num_halves: int) -> np.ndarray | None:
+def _stability(selector, episodes, options: dict, num_halves: int) -> np.ndarray | None:
     """Return the share of random halves of the episodes in which each sensor is selected: (S,).
 
     Meinshausen & Buehlmann, Stability selection, 2010.
@@ -264,6 +278,6 @@ def _stability(selector, episodes, channel_names, num_halves: int) -> np.ndarray
     for _ in range(num_halves):
         half = np.sort(rng.permutation(len(episodes))[: -(-len(episodes) // 2)])
         again = type(selector)(**selector.get_params())
-        again.fit([episodes[i] for i in half], names=channel_names)
+        _fit(again, [episodes[i] for i in half], **options)
         counts[again.ranking_[: again.num_features_]] += 1
     return counts / num_halves
