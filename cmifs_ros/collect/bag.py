@@ -1,40 +1,31 @@
-"""A recorded bag's messages, read, not played: MCAP and db3, and ROS 1.
-
-rosbags is optional: `pip install 'rosbags>=0.11,<0.12'`.
-"""
+"""Episodes of a recorded bag."""
 
 from __future__ import annotations
 
 from array import array
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
 
 from cmifs_ros.collect.episodes.drops import explained
 from cmifs_ros.collect.episodes.pairing import EpisodeAssembler
 from cmifs_ros.collect.episodes.reward_reader import RewardReader
 from cmifs_ros.collect.robot_file.reader import RobotFile
+from cmifs_ros.collect.sampling.bag_reader import (
+    BagError,
+    Undecoded,
+    messages_of,
+    open_bag,
+    unwatched,
+)
 from cmifs_ros.collect.sampling.sampler import SECOND, Sampler, event_time
 from cmifs_ros.core import Episode
+
+__all__ = ['BagEpisodes', 'BagError', 'episodes_of_bag', 'open_bag']
 
 #: As the selector's parameter max_episode_steps.
 MAX_EPISODE_STEPS = 1000
 CLOCK = '/clock'
-#: rclpy's serialize_message may leave so many bytes at the end, which the middleware ignores.
-_MAX_SURPLUS = 16
-_MEND = 'one that was cut off is mended by `mcap recover` (MCAP) or `ros2 bag reindex`'
-
-
-class BagError(Exception):
-    """A bag cannot be used; the message says why."""
-
-
-class Undecoded(NamedTuple):
-    """Stands for a message that was not decoded; `cause` is None if it was not wanted."""
-
-    cause: str | None
 
 
 @dataclass(frozen=True)
@@ -66,11 +57,6 @@ class BagEpisodes:
     num_cut: int
     num_open_steps: int
     dropped: dict[str, int]
-
-
-def unwatched(messages: Iterable, total: int) -> Iterable:
-    """Pass messages on."""
-    return messages
 
 
 def episodes_of_bag(
@@ -125,68 +111,6 @@ def episodes_of_bag(
         names, collector.episodes, count, num_between, assembler.num_cut, assembler.num_open_steps,
         dropped,
     )  # fmt: skip
-
-
-@contextmanager
-def open_bag(path: str | Path) -> Iterator:
-    """Open a bag as a reader of rosbags; raise a BagError if it cannot be opened."""
-    try:
-        from rosbags.highlevel import AnyReader
-        from rosbags.typesys import Stores, get_typestore
-    except ImportError:
-        raise BagError(
-            "bags are read by rosbags; install it: pip install 'rosbags>=0.11,<0.12'"
-        ) from None
-    if not Path(path).exists():
-        raise BagError(f'{path} does not exist; expected a bag, a file or a folder')
-    try:
-        reader = AnyReader([Path(path)], default_typestore=get_typestore(Stores.ROS2_JAZZY))
-        reader.open()
-    except Exception as error:  # A foreign or torn file breaks its readers in many ways.
-        raise BagError(
-            f'{path} cannot be read as a bag: {_shown(error)}; expected a folder with its '
-            f'metadata.yaml, or a file .mcap, .db3 or .bag; {_MEND}'
-        ) from error
-    try:
-        yield reader
-    finally:
-        reader.close()
-
-
-def messages_of(
-    reader,
-    path: str | Path,
-    topics: Collection[str],
-    is_wanted: Callable[[str, bytes], bool] = lambda topic, data: True,
-) -> Iterator[tuple]:
-    """Yield topic, message and time of record of an open bag's messages, in order of time.
-
-    `Undecoded` stands for a message that cannot be decoded, or is not wanted by its topic and
-    bytes.
-    """
-    connections = [c for c in reader.connections if c.topic in topics]
-    try:
-        for connection, recorded, data in reader.messages(connections):
-            is_read = is_wanted(connection.topic, data)
-            message = _decoded(reader, data, connection.msgtype) if is_read else Undecoded(None)
-            yield connection.topic, message, recorded
-    except Exception as error:  # What is raised where this is used does not pass here.
-        raise BagError(f'{path} breaks off: {_shown(error)}; {_MEND}') from error
-
-
-def _decoded(reader, data: bytes, kind: str) -> object:
-    try:
-        return reader.deserialize(data, kind)
-    except Exception as error:  # Foreign bytes break its decoders in many ways.
-        cause = f'{kind} cannot be decoded: {_shown(error)}'
-    for surplus in range(4, _MAX_SURPLUS + 1, 4):  # Up to 3 more are ignored.
-        with suppress(Exception):
-            return reader.deserialize(data[:-surplus], kind)
-    return Undecoded(cause)
-
-
-def _shown(error: Exception) -> str:
-    return f'{type(error).__name__}: {" ".join(str(error).split())[:300]}'
 
 
 class _Sampled:

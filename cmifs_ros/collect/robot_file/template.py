@@ -15,7 +15,7 @@ from itertools import groupby
 from pathlib import Path
 from typing import NamedTuple
 
-from cmifs_ros.collect.bag import Undecoded, messages_of, open_bag, unwatched
+from cmifs_ros.collect.sampling.bag_reader import Undecoded, messages_of, open_bag, unwatched
 from cmifs_ros.core.words import first
 
 from .field_path import MAX_PARTS, FieldPath, MissingFieldError, parse_field_path
