@@ -10,7 +10,7 @@ from pathlib import Path
 from cmifs_ros.collect.episodes.drops import explained
 from cmifs_ros.collect.episodes.pairing import EpisodeAssembler
 from cmifs_ros.collect.episodes.reward_reader import RewardReader
-from cmifs_ros.collect.robot_file.reader import RobotFile
+from cmifs_ros.collect.robot_file import RobotFile
 from cmifs_ros.collect.sampling.bag_reader import (
     BagError,
     Undecoded,
@@ -47,6 +47,8 @@ class BagEpisodes:
     dropped : dict of str to int
         How many messages, steps and episodes were dropped, by cause; causes first, then what
         follows from them.
+    unreadable : dict of str to str
+        Topics, none of them asked for, whose messages cannot be decoded, and why.
 
     """
 
@@ -57,6 +59,7 @@ class BagEpisodes:
     num_cut: int
     num_open_steps: int
     dropped: dict[str, int]
+    unreadable: dict[str, str]
 
 
 def episodes_of_bag(
@@ -89,6 +92,9 @@ def episodes_of_bag(
     collector = _StatesAndRewards(assembler) if robot is None else _Sampled(assembler, robot)
     with open_bag(path) as reader:
         topics = collector.topics_among(reader.topics, path)
+        for topic in topics:
+            if topic in reader.unreadable:
+                raise BagError(f'{path}: {topic} cannot be read: {reader.unreadable[topic]}')
         clock = reader.topics.get(CLOCK)
         has_clock = clock is not None and clock.msgtype == 'rosgraph_msgs/msg/Clock'
         read = {*topics, CLOCK} if has_clock else set(topics)
@@ -109,7 +115,7 @@ def episodes_of_bag(
         dropped |= {explained(what, cause): n for cause, n in counts.items()}
     return BagEpisodes(
         names, collector.episodes, count, num_between, assembler.num_cut, assembler.num_open_steps,
-        dropped,
+        dropped, reader.unreadable,
     )  # fmt: skip
 
 

@@ -14,9 +14,9 @@ from cmifs_ros.collect.bag import BagEpisodes, BagError, episodes_of_bag
 from cmifs_ros.collect.episodes import file as episode_file
 from cmifs_ros.collect.episodes.episode_check import problems_of_episodes
 from cmifs_ros.collect.episodes.reward_check import problem_of_rewards
-from cmifs_ros.collect.robot_file.reader import RobotFile, RobotFileError, load_robot_file
+from cmifs_ros.collect.robot_file import RobotFile, RobotFileError, load_robot_file
 from cmifs_ros.collect.selection_report import reply_of
-from cmifs_ros.core.words import counted
+from cmifs_ros.core.words import counted, first
 
 from .arguments import file_to_write, folder_to_write, number_from
 from .program import StudyError, exit_code
@@ -98,6 +98,9 @@ def _read(paths: list[str], robot: RobotFile | None, options) -> list[BagEpisode
         print(f'{path}: {", ".join(said)}')
         for cause, count in bag.dropped.items():
             print(f'  dropped {count}: {cause}')
+        if bag.unreadable:
+            unreadable = [f'{topic} ({why})' for topic, why in bag.unreadable.items()]
+            print(f'  cannot be read: {first(unreadable)}')
         with_episodes = [b for b in bags if b.episodes]
         if bag.episodes and bag.channel_names != with_episodes[0].channel_names:
             raise BagError(f'{path} has other channels than the bags before it; expected the same')

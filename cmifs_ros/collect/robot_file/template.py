@@ -19,7 +19,7 @@ from cmifs_ros.collect.sampling.bag_reader import Undecoded, messages_of, open_b
 from cmifs_ros.core.words import first
 
 from .field_path import MAX_PARTS, FieldPath, MissingFieldError, parse_field_path
-from .reader import OWN_VALUES, STATUS, Source
+from .model import OWN_VALUES, STATUS, Source
 
 #: Of a longer array so many values are taken, evenly spaced.
 MAX_SLICE = 12

@@ -17,7 +17,7 @@ from typing import NamedTuple
 from cmifs_ros.collect.episodes.pairing import RewardSample
 from cmifs_ros.collect.robot_file.expression import Expression
 from cmifs_ros.collect.robot_file.field_path import FieldPath, MissingFieldError
-from cmifs_ros.collect.robot_file.reader import (
+from cmifs_ros.collect.robot_file.model import (
     OWN_VALUES,
     STATUS,
     RobotFile,
