@@ -299,6 +299,16 @@ def test_a_bag_of_states_and_rewards_needs_no_robot_file(tmp_path):
         np.testing.assert_array_equal(episode.rewards, rewards)
 
 
+def test_states_and_rewards_of_a_bag_are_no_sensors(tmp_path, capsys):
+    rng = np.random.default_rng(0)
+    written = [(rng.normal(size=(5, 2)), rng.normal(size=5)) for _ in range(4)]
+    write_states_and_rewards(tmp_path / 'bag', written)
+    assert make_robot_file(['--bag', str(tmp_path / 'bag')]) == 0
+    text = capsys.readouterr().out
+    assert '# /robot/reward: it is a reward, so no sensor' in text
+    assert not re.search(r'(?m)^  \w+:', text)
+
+
 def test_an_error_of_the_caller_is_not_blamed_on_the_bag(tmp_path):
     write_bag(tmp_path / 'bag', 42)
 
@@ -355,7 +365,7 @@ def test_a_robot_file_is_made_that_lacks_only_the_reward(tmp_path, capsys):
     (turn,) = (s for s in robot.sources if s.is_yaw)
     assert turn.path.fields == ('pose', 'orientation')
     assert len(paths) == len(robot.sources)
-    assert '/said (std_msgs/msg/String) has no numeric field' in text
+    assert "# /said says 'hello'\n" in text
     with pytest.raises(BagError, match='does not exist'), open_bag(tmp_path / 'nothing'):
         pass
 

@@ -9,11 +9,13 @@ from dataclasses import dataclass
 from cmifs_ros.collect.sensor_groups import groups_by_name
 from cmifs_ros.core.words import first
 
-from .expression import Expression
+from .expression import FUNCTIONS, Expression
 from .field_path import FieldPath, MissingFieldError, described
 
 #: Values that the sampler itself gives to expressions.
 OWN_VALUES = frozenset({'step', 'succeeded', 'aborted', 'canceled'})
+#: What no channel or value can be called: it means something else in an expression.
+RESERVED_NAMES = OWN_VALUES | set(FUNCTIONS) | {'before'}
 STATUS = '/_action/status'
 
 

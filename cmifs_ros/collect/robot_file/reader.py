@@ -11,13 +11,11 @@ import yaml
 from cmifs_ros.core.channel_names import problem_of_names
 from cmifs_ros.core.words import first
 
-from .expression import FUNCTIONS, Expression
+from .expression import Expression
 from .field_path import FieldPath, parse_field_path
-from .model import OWN_VALUES, RobotFile, Source
+from .model import OWN_VALUES, RESERVED_NAMES, RobotFile, Source
 
 MAX_SIZE = 10**6
-#: Names that mean something else in an expression.
-_TAKEN = OWN_VALUES | set(FUNCTIONS) | {'before'}
 _EXPECTED = 'expected a robot file; make_robot_file writes a first one'
 #: What a file must have, with an example.
 _NEEDED = {
@@ -228,7 +226,7 @@ class _Reader:
         for section, is_channel in (('channels', True), ('values', False)):
             if section in top:
                 for name, node in self._mapping(top[section], section, None).items():
-                    if name in _TAKEN:
+                    if name in RESERVED_NAMES:
                         self._note(
                             node, f'{section} has {name!r}, which has a meaning of its own in '
                             'expressions; expected another name',

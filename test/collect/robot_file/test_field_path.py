@@ -23,6 +23,53 @@ def test_one_name_in_braces_is_one_number():
     assert (path.read(arm), path.suffixes) == ([2], ('',))
 
 
+def message(**fields):
+    return SimpleNamespace(**fields)
+
+
+DYNAMIC = message(
+    joint_names=['hip', 'left knee'],
+    interface_values=[
+        message(interface_names=['position', 'effort'], values=np.array([1.0, 2.0])),
+        message(interface_names=['effort'], values=np.array([3.0])),
+    ],
+)
+TREE = message(
+    transforms=[
+        message(child_frame_id=frame, transform=message(translation=message(x=x)))
+        for frame, x in (('base', 1.0), ('gripper', 2.0))
+    ]
+)
+PLAN = message(joint_names=['a', 'b'], points=[message(positions=[1.0, 2.0])])
+HEALTH = message(
+    status=[message(name='left motor', level=b'\x01', values=[message(key='Heat (C)', value='41')])]
+)
+
+
+@pytest.mark.parametrize(
+    ('path', 'within', 'values'),
+    [
+        ('.interface_values{hip}.values{effort}', DYNAMIC, [2]),
+        ('.interface_values{left knee}.values{effort}', DYNAMIC, [3]),
+        ('.interface_values[0].values{effort,position}', DYNAMIC, [2, 1]),
+        ('.interface_values{neck}.values{effort}', DYNAMIC, []),
+        ('.transforms{gripper}.transform.translation.x', TREE, [2]),
+        ('.transforms[0].transform.translation.x', TREE, [1]),
+        ('.transforms{wrist}.transform.translation.x', TREE, []),
+        ('.points[0].positions{b}', PLAN, [2]),
+        ('.status{left motor}.values{Heat (C)}.value', HEALTH, [41]),
+        ('.status{left motor}.level', HEALTH, [1]),
+    ],
+)
+def test_messages_in_an_array_are_taken_by_name_key_frame_or_index(path, within, values):
+    assert parse_field_path(f'/t{path}').numbers(within) == values
+
+
+def test_an_index_that_an_array_lacks_is_said():
+    with pytest.raises(MissingFieldError, match='/t has 1 value; expected more than 1'):
+        parse_field_path('/t.points[1].positions{b}').numbers(PLAN)
+
+
 SCAN = SimpleNamespace(ranges=np.ones(3), text='dropped', level=2, frame=SimpleNamespace(x=1, y=2))
 
 
