@@ -6,6 +6,7 @@ import math
 from collections.abc import Collection
 from dataclasses import dataclass
 
+from cmifs_ros.collect.discount import Discount
 from cmifs_ros.collect.sensor_groups import groups_by_name
 from cmifs_ros.core.words import first
 
@@ -16,6 +17,8 @@ from .field_path import FieldPath, MissingFieldError, described
 OWN_VALUES = frozenset({'step', 'succeeded', 'aborted', 'canceled'})
 #: What no channel or value can be called: it means something else in an expression.
 RESERVED_NAMES = OWN_VALUES | set(FUNCTIONS) | {'before'}
+#: What may tell which robot a bag is of.
+SOURCES = ('none', 'bag', 'folder')
 STATUS = '/_action/status'
 
 
@@ -118,6 +121,10 @@ class RobotFile:
         An episode is truncated after so many steps.
     types : dict of str to str
         Type by topic, where the file names one.
+    discount : Discount or None
+        How far ahead the return looks, if the file says so.
+    source : str
+        What tells which robot a bag is of: one of `SOURCES`.
 
     """
 
@@ -130,6 +137,8 @@ class RobotFile:
     action: str | None = None
     steps: int | None = None
     types: dict[str, str] | None = None
+    discount: Discount | None = None
+    source: str = 'none'
 
     @property
     def channel_names(self) -> tuple[str, ...]:
@@ -144,9 +153,20 @@ class RobotFile:
     @property
     def topics(self) -> tuple[str, ...]:
         """All topics that are needed, each once."""
-        paths = [s.path for s in self.sources]
-        paths += [p for p in (self.reward, self.terminated, self.truncated)
-                  if isinstance(p, FieldPath)]  # fmt: skip
+        return self.topics_for([source.name for source in self.sources])
+
+    def topics_for(self, channels: Collection[str]) -> tuple[str, ...]:
+        """Return the topics that some channels, steps, reward and ends need, each once."""
+        rules = [
+            rule for rule in (self.reward, self.terminated, self.truncated) if rule is not None
+        ]
+        names = set(channels).union(*(r.names for r in rules if isinstance(r, Expression)))
+        paths = [
+            source.path
+            for source in self.sources
+            if not names.isdisjoint((source.name, *source.names))
+        ]
+        paths += [rule for rule in rules if isinstance(rule, FieldPath)]
         own = [self.step_topic] if self.step_topic else []
         own += [self.action + STATUS] if self.action else []
         return tuple(dict.fromkeys(own + [path.topic for path in paths]))

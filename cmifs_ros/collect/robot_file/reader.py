@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import math
+import os
 import re
 from pathlib import Path
 
 import yaml
 
+from cmifs_ros.collect.discount import Discount
 from cmifs_ros.core.channel_names import problem_of_names
 from cmifs_ros.core.words import first
 
 from .expression import Expression
 from .field_path import FieldPath, parse_field_path
-from .model import OWN_VALUES, RESERVED_NAMES, RobotFile, Source
+from .model import OWN_VALUES, RESERVED_NAMES, SOURCES, RobotFile, Source
 
 MAX_SIZE = 10**6
 _EXPECTED = 'expected a robot file; make_robot_file writes a first one'
@@ -24,6 +26,7 @@ _NEEDED = {
     'reward': 'what pays, such as reward: "before(distance) - distance"; make_robot_file leaves '
     'that to you, as a TODO',
 }
+_KEYS = ('step', 'channels', 'values', 'reward', 'episode', 'discount', 'source')
 _TYPE = re.compile(r'[a-z][a-z0-9_]*/msg/[A-Za-z][A-Za-z0-9]*')
 
 
@@ -39,6 +42,11 @@ class RobotFileError(ValueError):
 def load_robot_file(path: str | Path) -> RobotFile:
     """Read a robot file.
 
+    Parameters
+    ----------
+    path : path-like
+        `~` is the user's own folder.
+
     Raises
     ------
     RobotFileError
@@ -46,7 +54,7 @@ def load_robot_file(path: str | Path) -> RobotFile:
 
     """
     try:
-        with open(path, 'rb') as file:
+        with open(os.path.expanduser(path), 'rb') as file:
             content = file.read(MAX_SIZE + 1)
     except OSError as error:
         raise RobotFileError(f'{path} cannot be read ({error.strerror}); {_EXPECTED}') from None
@@ -220,6 +228,17 @@ class _Reader:
             self._note(step['type'], 'step.type stands without step.topic')
         return clock and clock.topic, rate
 
+    def _discount(self, node) -> Discount:
+        found = self._mapping(node, 'discount', ('gamma', 'half_life'))
+        if len(found) != 1:
+            self._note(node, 'discount has neither or both of gamma and half_life; expected one')
+        gamma = self._number(found.get('gamma'), 'discount.gamma', 0.0, 1.0)
+        if gamma == 0:
+            self._note(node, 'discount.gamma is 0; expected more, up to 1')
+        return Discount(
+            gamma, self._number(found.get('half_life'), 'discount.half_life', 0.001, 10**9)
+        )
+
     def _sources(self, top: dict) -> tuple[list[Source | None], set[str]]:
         """Return channels and values, None where one has a mistake, and the names of all."""
         sources, keys = [], set()
@@ -239,7 +258,7 @@ class _Reader:
 
     def robot(self, root) -> RobotFile | None:
         """Read everything; None if a mistake leaves no robot."""
-        top = self._mapping(root, 'the file', ('step', 'channels', 'values', 'reward', 'episode'))
+        top = self._mapping(root, 'the file', _KEYS)
         for key, example in _NEEDED.items():
             if key not in top and root is not None:
                 line = max(root.end_mark.line, 1)
@@ -268,11 +287,16 @@ class _Reader:
         truncated = self._rule(episode.get('truncated'), 'episode.truncated', known)
         action = self._path(episode['action'], 'episode.action') if 'action' in episode else None
         steps = self._number(episode.get('steps'), 'episode.steps', 1, 10**6)
+        discount = self._discount(top['discount']) if 'discount' in top else None
+        source = top['source'].value if 'source' in top else SOURCES[0]
+        if source not in SOURCES:
+            expected = ', '.join(SOURCES)
+            self._note(top['source'], f'source is {_shown(top["source"])}; expected {expected}')
         if self.mistakes:
             return None
         return RobotFile(
             clock, rate, found, reward, terminated, truncated,
-            action and action.topic, steps and int(steps), self._types,
+            action and action.topic, steps and int(steps), self._types, discount, source,
         )  # fmt: skip
 
 
