@@ -157,9 +157,7 @@ class RobotFile:
 
     def topics_for(self, channels: Collection[str]) -> tuple[str, ...]:
         """Return the topics that some channels, steps, reward and ends need, each once."""
-        rules = [
-            rule for rule in (self.reward, self.terminated, self.truncated) if rule is not None
-        ]
+        rules = (self.reward, self.terminated, self.truncated)
         names = set(channels).union(*(r.names for r in rules if isinstance(r, Expression)))
         paths = [
             source.path
