@@ -7,6 +7,8 @@ from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from cmifs_ros.collect.episodes.drops import explained
 from cmifs_ros.collect.episodes.pairing import EpisodeAssembler
 from cmifs_ros.collect.episodes.reward_reader import RewardReader
@@ -36,6 +38,8 @@ class BagEpisodes:
     ----------
     channel_names : tuple of str
     episodes : list of Episode
+    stamps : list of numpy.ndarray of int, shape (T,)
+        When the steps of each episode were, in nanoseconds.
     num_messages : int
         Messages read of the topics that were asked for.
     num_between : int
@@ -54,6 +58,7 @@ class BagEpisodes:
 
     channel_names: tuple[str, ...]
     episodes: list[Episode]
+    stamps: list[np.ndarray]
     num_messages: int
     num_between: int
     num_cut: int
@@ -89,6 +94,7 @@ def episodes_of_bag(
 
     """
     assembler = EpisodeAssembler(MAX_EPISODE_STEPS)
+    assembler.stamps = []
     collector = _StatesAndRewards(assembler) if robot is None else _Sampled(assembler, robot)
     with open_bag(path) as reader:
         topics = collector.topics_among(reader.topics, path)
@@ -114,8 +120,8 @@ def episodes_of_bag(
     for what, counts in counters:
         dropped |= {explained(what, cause): n for cause, n in counts.items()}
     return BagEpisodes(
-        names, collector.episodes, count, num_between, assembler.num_cut, assembler.num_open_steps,
-        dropped, reader.unreadable,
+        names, collector.episodes, assembler.stamps, count, num_between, assembler.num_cut,
+        assembler.num_open_steps, dropped, reader.unreadable,
     )  # fmt: skip
 
 

@@ -109,6 +109,8 @@ class EpisodeAssembler:
         By cause, the most recent of them in words.
     num_cut : int
         Episodes closed at `max_episode_steps` or `max_episode_bytes`.
+    stamps : list of numpy.ndarray of int, or None
+        If it is a list, the stamps of the steps of each episode are added to it.
 
     """
 
@@ -118,6 +120,7 @@ class EpisodeAssembler:
         self.stamp_tolerance = 0
         self.num_transitions = 0
         self.num_cut = 0
+        self.stamps: list[np.ndarray] | None = None
         self.dropped_messages: Counter[str] = Counter()
         self.dropped_episodes: Counter[str] = Counter()
         self.last_drops: dict[str, str] = {}
@@ -301,7 +304,7 @@ class EpisodeAssembler:
         if len(self._recent) > MAX_PENDING:
             del self._recent[next(iter(self._recent))]
         self.num_transitions += 1
-        return self._extend(transition)
+        return self._extend(transition, stamp)
 
     def _discard_state(self, stamp: int, cause: str, waiting: Waiting | None = None) -> None:
         del (self._states if waiting is None else waiting)[stamp]
@@ -311,7 +314,7 @@ class EpisodeAssembler:
         self.drop_message(cause, f'the reward at {stamp} ns has no usable state or came too late')
         return self._rewards.pop(stamp)
 
-    def _extend(self, transition: Transition) -> list[Episode]:
+    def _extend(self, transition: Transition, stamp: int) -> list[Episode]:
         """Add a transition to the open episode, or begin one with it."""
         sample, previous = transition.sample, self._previous
         self._previous = sample
@@ -331,6 +334,7 @@ class EpisodeAssembler:
         if self._open_rewards or self._may_begin(sample, previous):
             self._open_states.extend(transition.state)
             self._open_rewards.append(sample.reward)
+            self._open_stamps.append(stamp)
             self._skipping = self._was_cut = False
         elif not self._skipping:
             self._break_episode(
@@ -370,11 +374,14 @@ class EpisodeAssembler:
     def _close(self) -> Episode:
         rewards = np.array(self._open_rewards)
         episode = Episode(np.array(self._open_states).reshape(len(rewards), -1), rewards)
+        if self.stamps is not None:
+            self.stamps.append(np.array(self._open_stamps))
         self._forget_open()
         return episode
 
     def _forget_open(self) -> None:
         self._open_states, self._open_rewards = array('d'), array('d')
+        self._open_stamps = array('q')
 
 
 def _equal_stamps(what: str, stamp: int) -> str:
