@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from cmifs_ros.collect.episodes.builder import EpisodeBuilder
 from cmifs_ros.collect.episodes.drops import explained
 from cmifs_ros.collect.episodes.pairing import EpisodeAssembler
 from cmifs_ros.collect.episodes.reward_reader import RewardReader
@@ -20,7 +21,9 @@ from cmifs_ros.collect.sampling.bag_reader import (
     open_bag,
     unwatched,
 )
-from cmifs_ros.collect.sampling.sampler import SECOND, Sampler, event_time
+from cmifs_ros.collect.sampling.event_order import SECOND
+from cmifs_ros.collect.sampling.sampler import Sampler, event_time
+from cmifs_ros.collect.sampling.step import Step
 from cmifs_ros.core import Episode
 
 __all__ = ['BagEpisodes', 'BagError', 'episodes_of_bag', 'open_bag']
@@ -93,9 +96,8 @@ def episodes_of_bag(
         If rosbags is missing, the bag cannot be read, or it lacks a topic.
 
     """
-    assembler = EpisodeAssembler(MAX_EPISODE_STEPS)
-    assembler.stamps = []
-    collector = _StatesAndRewards(assembler) if robot is None else _Sampled(assembler, robot)
+    collector = _StatesAndRewards() if robot is None else _Sampled(robot)
+    collector.builder.stamps = []
     with open_bag(path) as reader:
         topics = collector.topics_among(reader.topics, path)
         for topic in topics:
@@ -109,29 +111,33 @@ def episodes_of_bag(
         for topic, message, recorded in watch(messages_of(reader, path, read), total):
             if has_clock and topic == CLOCK and not isinstance(message, Undecoded):
                 now = message.clock.sec * SECOND + message.clock.nanosec
+                collector.set_clock(now)
             if topic in topics:
                 count += 1
                 if isinstance(message, Undecoded):
                     collector.note_wrong(topic, message.cause)
                 else:
                     collector.add(topic, message, now if has_clock else recorded)
-    names, num_between, dropped = collector.finish()
-    counters = ('messages', assembler.dropped_messages), ('episodes', assembler.dropped_episodes)
-    for what, counts in counters:
-        dropped |= {explained(what, cause): n for cause, n in counts.items()}
+    builder, dropped = collector.builder, collector.finish()
+    dropped |= {explained('episodes', cause): n for cause, n in builder.dropped.items()}
     return BagEpisodes(
-        names, collector.episodes, assembler.stamps, count, num_between, assembler.num_cut,
-        assembler.num_open_steps, dropped, reader.unreadable,
+        collector.channel_names, collector.episodes, builder.stamps, count, collector.num_between,
+        builder.num_cut, builder.num_open_steps, dropped, reader.unreadable,
     )  # fmt: skip
 
 
 class _Sampled:
     """Episodes from a robot's own topics."""
 
-    def __init__(self, assembler: EpisodeAssembler, robot: RobotFile):
-        self._assembler, self._robot, self._sampler = assembler, robot, Sampler(robot)
-        self._names = list(robot.channel_names)
+    def __init__(self, robot: RobotFile):
+        self._robot, self._sampler = robot, Sampler(robot, max_lateness=None)
+        self.builder = EpisodeBuilder(MAX_EPISODE_STEPS)
+        self.channel_names = robot.channel_names
         self.episodes: list[Episode] = []
+
+    @property
+    def num_between(self) -> int:
+        return self._sampler.num_between
 
     def topics_among(self, topics: Mapping, path) -> Collection[str]:
         missing = set(self._robot.topics) - set(topics)
@@ -149,33 +155,43 @@ class _Sampled:
     def add(self, topic: str, message, recorded: int) -> None:
         self._collect(self._sampler.add(topic, message, recorded))
 
+    def set_clock(self, now: int) -> None:
+        self._collect(self._sampler.set_clock(now))
+
     def note_wrong(self, topic: str, what: str) -> None:
         self._sampler.note_wrong(topic, what)
 
-    def _collect(self, steps) -> None:
+    def _collect(self, steps: list[Step]) -> None:
         for step in steps:
-            self.episodes += self._assembler.add_state(step.stamp, self._names, step.state)
-            self.episodes += self._assembler.add_reward(step.stamp, step.sample)
+            self.episodes += self.builder.add(step.state, step.sample, step.stamp)
 
-    def finish(self) -> tuple[tuple[str, ...], int, dict[str, int]]:
-        self._collect(self._sampler.flush())
-        dropped = {f'late messages of {t}': n for t, n in self._sampler.late.items()}
+    def finish(self) -> dict[str, int]:
+        sampler = self._sampler
+        self._collect(sampler.flush())
+        dropped = {f'late messages of {t}': n for t, n in sampler.late.items() if n}
         dropped |= {
-            f'wrong messages of {t}, such as: {self._sampler.last_wrong[t]}': n
-            for t, n in self._sampler.wrong.items()
+            f'wrong messages of {t}, such as: {sampler.last_wrong[t]}': n
+            for t, n in sampler.wrong.items()
             if n
         }
-        lacking = self._sampler.lacking(self._sampler.missing)
+        lacking = sampler.missing.in_words(sampler.missing.counts)
         dropped |= {f'steps without {what}': n for what, n in lacking.items()}
-        return tuple(self._names), self._sampler.num_between, dropped
+        return dropped | sampler.ends.in_words()
 
 
 class _StatesAndRewards:
     """Episodes from the topics that the selector itself subscribes to."""
 
-    def __init__(self, assembler: EpisodeAssembler):
-        self._assembler, self._reader = assembler, RewardReader()
+    num_between = 0
+
+    def __init__(self):
+        self._assembler, self._reader = EpisodeAssembler(MAX_EPISODE_STEPS), RewardReader()
+        self.builder = self._assembler.builder
         self.episodes: list[Episode] = []
+
+    @property
+    def channel_names(self) -> tuple[str, ...]:
+        return self._assembler.channel_names or ()
 
     def topics_among(self, topics: Mapping, path) -> Collection[str]:
         spaces = [t.removesuffix('/state') for t in topics if t.endswith('/state')]
@@ -203,5 +219,9 @@ class _StatesAndRewards:
         cause = 'unusable_state' if topic.endswith('/state') else 'malformed_reward'
         self._assembler.drop_message(cause, f'{topic}: {what}')
 
-    def finish(self) -> tuple[tuple[str, ...], int, dict[str, int]]:
-        return self._assembler.channel_names or (), 0, {}
+    def set_clock(self, now: int) -> None:
+        """Do nothing: an older pair tells that time was set back."""
+
+    def finish(self) -> dict[str, int]:
+        counts = self._assembler.dropped_messages
+        return {explained('messages', cause): n for cause, n in counts.items()}

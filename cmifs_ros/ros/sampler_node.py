@@ -17,7 +17,8 @@ from std_msgs.msg import Header
 
 from cmifs_ros.collect.robot_file import load_robot_file
 from cmifs_ros.collect.robot_file.model import STATUS
-from cmifs_ros.collect.sampling.sampler import Sampler, Step
+from cmifs_ros.collect.sampling.sampler import Sampler
+from cmifs_ros.collect.sampling.step import Step
 from cmifs_ros.core.words import listed
 
 from . import conversions, diagnostics
@@ -36,12 +37,15 @@ class SamplerNode(Node):
     def __init__(self):
         super().__init__('sampler')
         path = self.declare_parameter('robot_file', '').value
-        warn_of_unknown(self, ['robot_file'])
+        max_lateness = self.declare_parameter('max_lateness', 5.0).value
+        warn_of_unknown(self, ['robot_file', 'max_lateness'])
         if not path:
             raise ValueError('robot_file is empty; expected the path of a robot file')
+        if not 0 <= max_lateness < math.inf:
+            raise ValueError(f'max_lateness is {max_lateness}; expected seconds, 0 or more')
         self._robot = load_robot_file(path)
         self._names = self._robot.channel_names
-        self._sampler = Sampler(self._robot)
+        self._sampler = Sampler(self._robot, max_lateness)
         stream = QoSProfile(depth=1000)
         self._state_publisher = self.create_publisher(JointState, 'state', stream)
         self._reward_publisher = self.create_publisher(JointState, 'reward', stream)
@@ -105,6 +109,7 @@ class SamplerNode(Node):
 
     def _on_clock(self, message: ClockTime) -> None:
         self._simulated = conversions.stamp_to_nanoseconds(message.clock)
+        self._publish(self._sampler.set_clock(self._simulated))
 
     def _take(self, topic: str, message) -> None:
         self._status.heard(topic)

@@ -63,10 +63,8 @@ class SamplerStatus:
             'moments': sampler.num_moments,
             'steps': sampler.num_steps,
             'between': sampler.num_between,
-            **{
-                key: Counter(getattr(sampler, key))
-                for key in ('received', 'late', 'wrong', 'missing')
-            },
+            'missing': Counter(sampler.missing.counts),
+            **{key: Counter(getattr(sampler, key)) for key in ('received', 'late', 'wrong')},
         }
         past = self._past[0] if self._past else now
         self._past.append(now)
@@ -82,7 +80,7 @@ class SamplerStatus:
         moments, lacking = now['moments'] - past['moments'], now['missing'] - past['missing']
         level, message = diagnostics.OK, 'steps are made'
         if lacking:
-            causes = sampler.lacking(lacking).most_common(_MAX_CAUSES)
+            causes = sampler.missing.in_words(lacking).most_common(_MAX_CAUSES)
             shown = '; '.join(f'{count} lack {what}' for what, count in causes)
             level = diagnostics.WARN
             message = f'of the last {counted(moments, "step")}, {shown}; they break episodes'
@@ -99,7 +97,7 @@ class SamplerStatus:
             'steps per s': _rate(now['steps'] - past['steps'], seconds),
             **{
                 f'missing: {what}': f'{count} of {now["moments"]}'
-                for what, count in sampler.lacking(now['missing']).most_common(_MAX_CAUSES)
+                for what, count in sampler.missing.in_words(now['missing']).most_common(_MAX_CAUSES)
             },
         }
         return diagnostics.status(f'{self._name}: steps', level, message, values)

@@ -95,8 +95,8 @@ class SelectorInput:
     def apply(self) -> None:
         """Take over the parameters."""
         values, reader = self._settings, self.assembler.reader
-        self.assembler.max_episode_steps = values['max_episode_steps']
-        self.assembler.max_episode_bytes = values['max_buffer_mb'] * MEGABYTE
+        self.assembler.builder.max_episode_steps = values['max_episode_steps']
+        self.assembler.builder.max_episode_bytes = values['max_buffer_mb'] * MEGABYTE
         self.assembler.stamp_tolerance = round(values['stamp_tolerance'] * 1e9)
         reader.max_hold_steps, reader.inf_value = values['max_hold_steps'], values['inf_value']
         self._field_reader = conversions.FieldReader(parse_fields(values['fields']))
@@ -122,10 +122,10 @@ class SelectorInput:
             'buffer bytes allowed': self._buffer.max_bytes,
             'transitions': assembler.num_transitions,
             'unpaired messages': assembler.num_pending,
-            'episodes cut': assembler.num_cut,
+            'episodes cut': assembler.builder.num_cut,
             'episodes repeated': self._buffer.num_repeated,
             **{f'messages dropped: {k}': n for k, n in assembler.dropped_messages.items()},
-            **{f'episodes dropped: {k}': n for k, n in assembler.dropped_episodes.items()},
+            **{f'episodes dropped: {k}': n for k, n in assembler.builder.dropped.items()},
             **{
                 f'gaps: {name}': f'{n} of {assembler.reader.num_states}'
                 for name, n in assembler.reader.gaps.most_common(8)
