@@ -210,7 +210,7 @@ class _StatesAndRewards:
             if topic.endswith('/state'):
                 self.episodes += self._assembler.add_state(stamp, names, values)
             else:
-                sample = self._reader.read(names, values)
+                sample = self._reader.sample_of(names, values)
                 self.episodes += self._assembler.add_reward(stamp, sample)
         except (AttributeError, TypeError, ValueError) as error:
             self.note_wrong(topic, str(error))

@@ -144,7 +144,7 @@ class EpisodeAssembler:
         """
         if self.channel_names is None:
             return self._add_first_state(stamp, names, values)
-        state = self.reader.read(names, values)
+        state = self.reader.state_of(names, values)
         stamp = self._partner_of(stamp, self._rewards)
         if state is None or not self._is_new(stamp, state, self._states, 'state'):
             return []

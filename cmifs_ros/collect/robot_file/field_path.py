@@ -70,11 +70,11 @@ class FieldPath:
         parts = (part if part[0] in '{[' else f'.{part}' for part in self.fields)
         return self.topic + ''.join(parts)
 
-    def numbers(self, message) -> list[float]:
-        """Return the values in a message as numbers; see `read`."""
-        return [self.number(value) for value in self.read(message)]
+    def numbers_in(self, message) -> list[float]:
+        """Return the values in a message as numbers; see `values_in`."""
+        return [self.as_number(value) for value in self.values_in(message)]
 
-    def number(self, value) -> float:
+    def as_number(self, value) -> float:
         """Return a value that was read as a number.
 
         A `byte` is b'3' in rclpy and 3 in rosbags; text that is a number counts as one.
@@ -94,7 +94,7 @@ class FieldPath:
                 pass
         raise MissingFieldError(f'{self} is {described(value)}; expected {_remedy(value)}')
 
-    def read(self, message) -> list:
+    def values_in(self, message) -> list:
         """Return the values in a message, as many as `suffixes`.
 
         They are none if an array has no entry called so: the message is of other things.

@@ -63,8 +63,8 @@ class Source:
         suffixes = tuple(f'.{part}' for part in parts) or self.path.suffixes
         return tuple(self.name + suffix for suffix in suffixes)
 
-    def read(self, message) -> list[float]:
-        """Return its values in a message, as many as `names`, or none; see `FieldPath.read`.
+    def readings(self, message) -> list[float]:
+        """Return its values in a message, as many as `names`, or none; see `FieldPath.values_in`.
 
         Raises
         ------
@@ -73,17 +73,17 @@ class Source:
 
         """
         if self.is_yaw:
-            return [part for q in self.path.read(message) for part in self._yaw(q)]
+            return [part for q in self.path.values_in(message) for part in self._yaw(q)]
         if self.one_hot:
-            return [part for kind in self.path.read(message) for part in self._one_hot(kind)]
-        values = self.path.numbers(message)
+            return [part for kind in self.path.values_in(message) for part in self._one_hot(kind)]
+        values = self.path.numbers_in(message)
         if self.inf is not None:
-            instead = FieldPath(self.path.topic, (self.inf,)).numbers(message)[0]
+            instead = FieldPath(self.path.topic, (self.inf,)).numbers_in(message)[0]
             values = [instead if value == math.inf else value for value in values]
         return values
 
     def _one_hot(self, value) -> list[float]:
-        number = 0.5 if isinstance(value, str) else self.path.number(value)
+        number = 0.5 if isinstance(value, str) else self.path.as_number(value)
         kind = str(int(number) if number.is_integer() else value)
         if kind not in self.one_hot:
             raise UnlistedKindError(

@@ -93,7 +93,7 @@ class ObservedField:
     def look(self, message) -> None:
         """Take in the values of a message."""
         try:
-            self._newest = self._source.read(message)
+            self._newest = self._source.readings(message)
         except MissingFieldError:  # an array that is shorter now, a joint that is not in this one
             self._look_at_text(message)
             return
@@ -113,7 +113,7 @@ class ObservedField:
                 self._categories = None
 
     def _raw(self, message) -> object:
-        found = self.path.read(message)
+        found = self.path.values_in(message)
         return found[0] if len(found) == 1 else None
 
     def _look_at_text(self, message) -> None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from cmifs_ros.collect.episodes.pairing import RewardSample
+from cmifs_ros.collect.episodes.builder import RewardSample
 
 #: Messages whose stamps are compared.
 MAX_STAMPS = 1000

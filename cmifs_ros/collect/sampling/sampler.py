@@ -183,7 +183,7 @@ class Sampler:
         problem: str | None = None
         for source in self._by_topic[topic]:
             try:
-                values = source.read(message)
+                values = source.readings(message)
                 if values:
                     content.values[source.name] = values
             except UnlistedKindError as error:
@@ -195,7 +195,7 @@ class Sampler:
             rule = getattr(self._robot, key)
             if isinstance(rule, FieldPath) and rule.topic == topic:
                 try:
-                    value = sum(rule.numbers(message)) if rule.fields else 1.0
+                    value = sum(rule.numbers_in(message)) if rule.fields else 1.0
                 except _UNREADABLE as error:
                     problem = str(error)
                     continue
@@ -207,7 +207,7 @@ class Sampler:
             try:
                 content.goals = [
                     (bytes(map(int, entry.goal_info.goal_id.uuid)), int(entry.status))
-                    for entry in FieldPath(topic, ('status_list',)).read(message)[0]
+                    for entry in FieldPath(topic, ('status_list',)).values_in(message)[0]
                 ]
             except _UNREADABLE as error:
                 problem = str(error)

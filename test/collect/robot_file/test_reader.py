@@ -78,7 +78,7 @@ def test_the_yaw_of_what_is_no_quaternion_is_refused_in_words():
     pose = Message(position=1, orientation=Message(x=0, y=0, z=0, w=1))
     said = 'is a SimpleNamespace of orientation, position; expected a quaternion of w, x, y, z'
     with pytest.raises(MissingFieldError, match=said):
-        yaw.read(Message(pose=Message(pose=Message(orientation=pose))))
+        yaw.readings(Message(pose=Message(pose=Message(orientation=pose))))
 
 
 @pytest.mark.parametrize(
@@ -91,7 +91,7 @@ def test_a_number_or_a_word_that_is_one_of_kinds(kinds, value, expected):
     robot = parse_robot_file(text)
     assert robot.groups['k'] == robot.sources[0].names == robot.channel_names[: len(expected)]
     assert robot.channel_names[0] == f'k.{kinds[1:].split(",")[0]}'
-    assert robot.sources[0].read(Message(data=value)) == expected
+    assert robot.sources[0].readings(Message(data=value)) == expected
 
 
 @pytest.mark.parametrize(
