@@ -25,6 +25,7 @@ from cmifs_ros.collect.sampling.event_order import SECOND
 from cmifs_ros.collect.sampling.sampler import Sampler, event_time
 from cmifs_ros.collect.sampling.step import Step
 from cmifs_ros.core import Episode
+from cmifs_ros.core.words import first
 
 __all__ = ['BagEpisodes', 'BagError', 'episodes_of_bag', 'open_bag']
 
@@ -133,6 +134,7 @@ class _Sampled:
         self._robot, self._sampler = robot, Sampler(robot, max_lateness=None)
         self.builder = EpisodeBuilder(MAX_EPISODE_STEPS)
         self.channel_names = robot.channel_names
+        self._names: dict[str, str] = {}  # Of the robot file, by topic of the bag.
         self.episodes: list[Episode] = []
 
     @property
@@ -140,26 +142,33 @@ class _Sampled:
         return self._sampler.num_between
 
     def topics_among(self, topics: Mapping, path) -> Collection[str]:
-        missing = set(self._robot.topics) - set(topics)
+        found = {name: _topics_called(name, topics) for name in self._robot.topics}
+        missing = [name for name, called in found.items() if not called]
         if missing:
             raise BagError(
                 f'{path} lacks {", ".join(sorted(missing))} of the robot file; it has '
                 f'{", ".join(sorted(topics))[:1000] or "no topics"}'
             )
-        for topic in self._robot.topics:
-            kinds = {connection.msgtype for connection in topics[topic].connections}
-            if problem := self._robot.type_problem(topic, kinds):
+        for name, called in found.items():
+            if len(called) > 1:
+                raise BagError(
+                    f'{path}: {name} of the robot file may be {first(called)}; expected a whole '
+                    'name, with / before it'
+                )
+            kinds = {connection.msgtype for connection in topics[called[0]].connections}
+            if problem := self._robot.type_problem(name, kinds):
                 raise BagError(f'{path}: {problem}')
-        return self._robot.topics
+        self._names = {called[0]: name for name, called in found.items()}
+        return self._names
 
     def add(self, topic: str, message, recorded: int) -> None:
-        self._collect(self._sampler.add(topic, message, recorded))
+        self._collect(self._sampler.add(self._names[topic], message, recorded))
+
+    def note_wrong(self, topic: str, what: str) -> None:
+        self._sampler.note_wrong(self._names[topic], what)
 
     def set_clock(self, now: int) -> None:
         self._collect(self._sampler.set_clock(now))
-
-    def note_wrong(self, topic: str, what: str) -> None:
-        self._sampler.note_wrong(topic, what)
 
     def _collect(self, steps: list[Step]) -> None:
         for step in steps:
@@ -177,6 +186,13 @@ class _Sampled:
         lacking = sampler.missing.in_words(sampler.missing.counts)
         dropped |= {f'steps without {what}': n for what, n in lacking.items()}
         return dropped | sampler.ends.in_words()
+
+
+def _topics_called(name: str, topics: Collection[str]) -> list[str]:
+    """Return the topics that a name of the robot file means: a relative one in any namespace."""
+    if f'/{name.removeprefix("/")}' in topics:
+        return [f'/{name.removeprefix("/")}']
+    return [] if name.startswith('/') else [t for t in topics if t.endswith(f'/{name}')]
 
 
 class _StatesAndRewards:

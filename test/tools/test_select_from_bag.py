@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 pytest.importorskip('rosbags', reason='rosbags is not here')
-from bags import ROBOT, episodes_of, write_bag, write_states_and_rewards
+from bags import ROBOT, STORE, episodes_of, write_bag, write_states_and_rewards
+from rosbags.rosbag2 import StoragePlugin, Writer
 
 from cmifs_ros.collect.bag import BagError, episodes_of_bag, open_bag
 from cmifs_ros.collect.episodes import file as episode_file
@@ -257,6 +258,24 @@ def test_a_topic_that_the_bag_lacks_is_an_error(tmp_path, capsys):
     assert 'lacks /battery of the robot file; it has /arm, /noise' in capsys.readouterr().err
 
 
+def test_a_relative_name_means_the_topic_in_whatever_namespace_it_was_recorded(tmp_path):
+    expected = episodes_of(*write_bag(tmp_path / 'bag', 42))
+    for space in ('', '/robot1'):
+        path = tmp_path / f'bag{len(space)}'
+        with open_bag(tmp_path / 'bag') as reader, Writer(
+            path, version=9, storage_plugin=StoragePlugin.MCAP
+        ) as writer:  # fmt: skip
+            topics = {
+                topic: writer.add_connection(space + topic, info.msgtype, typestore=STORE)
+                for topic, info in reader.topics.items()
+            }
+            for connection, time, data in reader.messages(reader.topics):
+                writer.write(topics[connection.topic], time, data)
+        bag = episodes_of_bag(path, parse_robot_file(ROBOT.replace(' /', ' ')))
+        assert len(bag.episodes) == len(expected) == 7
+        np.testing.assert_array_equal(bag.episodes[6].states, expected[6][0])
+
+
 def test_a_type_that_the_bag_does_not_have_is_an_error(tmp_path, capsys):
     write_bag(tmp_path / 'bag', 42)
     file = tmp_path / 'robot.yaml'
@@ -280,8 +299,6 @@ def test_a_field_that_a_message_lacks_is_named(tmp_path):
 
 def changed(path, change):
     """Write a bag anew with other bytes, by topic and bytes, and return its path."""
-    from rosbags.rosbag2 import StoragePlugin, Writer
-
     again = path.with_name('changed')
     with open_bag(path) as reader, Writer(
         again, version=9, storage_plugin=StoragePlugin.MCAP
