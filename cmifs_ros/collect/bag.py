@@ -7,11 +7,13 @@ from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from cmifs_ros.collect.episodes.builder import EpisodeBuilder
 from cmifs_ros.collect.episodes.drops import explained
 from cmifs_ros.collect.episodes.pairing import EpisodeAssembler
 from cmifs_ros.collect.episodes.reward_reader import RewardReader
-from cmifs_ros.collect.robot_file.reader import RobotFile
+from cmifs_ros.collect.robot_file import RobotFile
 from cmifs_ros.collect.sampling.bag_reader import (
     BagError,
     Undecoded,
@@ -24,6 +26,7 @@ from cmifs_ros.collect.sampling.message_reader import event_time
 from cmifs_ros.collect.sampling.sampler import Sampler
 from cmifs_ros.collect.sampling.step import Step
 from cmifs_ros.core import Episode
+from cmifs_ros.core.words import first
 
 __all__ = ['BagEpisodes', 'BagError', 'episodes_of_bag', 'open_bag']
 
@@ -40,6 +43,8 @@ class BagEpisodes:
     ----------
     channel_names : tuple of str
     episodes : list of Episode
+    stamps : list of numpy.ndarray of int, shape (T,)
+        When the steps of each episode were, in nanoseconds.
     num_messages : int
         Messages read of the topics that were asked for.
     num_between : int
@@ -51,16 +56,20 @@ class BagEpisodes:
     dropped : dict of str to int
         How many messages, steps and episodes were dropped, by cause; causes first, then what
         follows from them.
+    unreadable : dict of str to str
+        Topics, none of them asked for, whose messages cannot be decoded, and why.
 
     """
 
     channel_names: tuple[str, ...]
     episodes: list[Episode]
+    stamps: list[np.ndarray]
     num_messages: int
     num_between: int
     num_cut: int
     num_open_steps: int
     dropped: dict[str, int]
+    unreadable: dict[str, str]
 
 
 def episodes_of_bag(
@@ -90,8 +99,12 @@ def episodes_of_bag(
 
     """
     collector = _StatesAndRewards() if robot is None else _Sampled(robot)
+    collector.builder.stamps = []
     with open_bag(path) as reader:
         topics = collector.topics_among(reader.topics, path)
+        for topic in topics:
+            if topic in reader.unreadable:
+                raise BagError(f'{path}: {topic} cannot be read: {reader.unreadable[topic]}')
         clock = reader.topics.get(CLOCK)
         has_clock = clock is not None and clock.msgtype == 'rosgraph_msgs/msg/Clock'
         read = {*topics, CLOCK} if has_clock else set(topics)
@@ -110,8 +123,8 @@ def episodes_of_bag(
     builder, dropped = collector.builder, collector.finish()
     dropped |= {explained('episodes', cause): n for cause, n in builder.dropped.items()}
     return BagEpisodes(
-        collector.channel_names, collector.episodes, count, collector.num_between,
-        builder.num_cut, builder.num_open_steps, dropped,
+        collector.channel_names, collector.episodes, builder.stamps, count, collector.num_between,
+        builder.num_cut, builder.num_open_steps, dropped, reader.unreadable,
     )  # fmt: skip
 
 
@@ -122,6 +135,7 @@ class _Sampled:
         self._robot, self._sampler = robot, Sampler(robot, max_lateness=None)
         self.builder = EpisodeBuilder(MAX_EPISODE_STEPS)
         self.channel_names = robot.channel_names
+        self._names: dict[str, str] = {}  # Of the robot file, by topic of the bag.
         self.episodes: list[Episode] = []
 
     @property
@@ -129,30 +143,37 @@ class _Sampled:
         return self._sampler.num_between
 
     def topics_among(self, topics: Mapping, path) -> Collection[str]:
-        missing = set(self._robot.topics) - set(topics)
+        found = {name: _topics_called(name, topics) for name in self._robot.topics}
+        missing = [name for name, called in found.items() if not called]
         if missing:
             raise BagError(
                 f'{path} lacks {", ".join(sorted(missing))} of the robot file; it has '
                 f'{", ".join(sorted(topics))[:1000] or "no topics"}'
             )
-        for topic in self._robot.topics:
-            kinds = {connection.msgtype for connection in topics[topic].connections}
-            if problem := self._robot.type_problem(topic, kinds):
+        for name, called in found.items():
+            if len(called) > 1:
+                raise BagError(
+                    f'{path}: {name} of the robot file may be {first(called)}; expected a whole '
+                    'name, with / before it'
+                )
+            kinds = {connection.msgtype for connection in topics[called[0]].connections}
+            if problem := self._robot.type_problem(name, kinds):
                 raise BagError(f'{path}: {problem}')
-        return self._robot.topics
+        self._names = {called[0]: name for name, called in found.items()}
+        return self._names
 
     def add(self, topic: str, message, recorded: int) -> None:
-        self._collect(self._sampler.add(topic, message, recorded))
+        self._collect(self._sampler.add(self._names[topic], message, recorded))
+
+    def note_wrong(self, topic: str, what: str) -> None:
+        self._sampler.note_wrong(self._names[topic], what)
 
     def set_clock(self, now: int) -> None:
         self._collect(self._sampler.set_clock(now))
 
-    def note_wrong(self, topic: str, what: str) -> None:
-        self._sampler.note_wrong(topic, what)
-
     def _collect(self, steps: list[Step]) -> None:
         for step in steps:
-            self.episodes += self.builder.add(step.state, step.sample)
+            self.episodes += self.builder.add(step.state, step.sample, step.stamp)
 
     def finish(self) -> dict[str, int]:
         sampler = self._sampler
@@ -166,6 +187,13 @@ class _Sampled:
         lacking = sampler.missing.in_words(sampler.missing.counts)
         dropped |= {f'steps without {what}': n for what, n in lacking.items()}
         return dropped | sampler.ends.dropped_in_words()
+
+
+def _topics_called(name: str, topics: Collection[str]) -> list[str]:
+    """Return the topics that a name of the robot file means: a relative one in any namespace."""
+    if f'/{name.removeprefix("/")}' in topics:
+        return [f'/{name.removeprefix("/")}']
+    return [] if name.startswith('/') else [t for t in topics if t.endswith(f'/{name}')]
 
 
 class _StatesAndRewards:
@@ -199,7 +227,7 @@ class _StatesAndRewards:
             if topic.endswith('/state'):
                 self.episodes += self._assembler.add_state(stamp, names, values)
             else:
-                sample = self._reader.read(names, values)
+                sample = self._reader.sample_of(names, values)
                 self.episodes += self._assembler.add_reward(stamp, sample)
         except (AttributeError, TypeError, ValueError) as error:
             self.note_wrong(topic, str(error))

@@ -16,7 +16,8 @@ from rosgraph_msgs.msg import Clock as ClockTime
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 
-from cmifs_ros.collect.robot_file.reader import STATUS, load_robot_file
+from cmifs_ros.collect.robot_file import load_robot_file
+from cmifs_ros.collect.robot_file.model import STATUS
 from cmifs_ros.collect.sampling.sampler import Sampler
 from cmifs_ros.collect.sampling.step import Step
 from cmifs_ros.core.words import listed

@@ -138,7 +138,7 @@ class SelectorInput:
     def _take_state(self, msg: JointState) -> None:
         self._last_at['state'] = time.monotonic()
         try:
-            names, values = self._field_reader.read(msg)
+            names, values = self._field_reader.channels_of(msg)
         except ValueError as error:
             self.assembler.drop_message('unusable_state', f'in a state, {error}')
             return
@@ -155,7 +155,7 @@ class SelectorInput:
     def _take_reward(self, msg: JointState) -> None:
         self._last_at['reward'] = time.monotonic()
         try:
-            sample = self._reward_reader.read(*conversions.named_values(msg))
+            sample = self._reward_reader.sample_of(*conversions.named_values(msg))
         except ValueError as error:
             self.assembler.drop_message('malformed_reward', f'in a reward message, {error}')
             return

@@ -34,7 +34,7 @@ class SelectorStorage:
     """
 
     def __init__(self, node: Node, path: str):
-        self._node, self._path = node, os.path.abspath(path)
+        self._node, self._path = node, os.path.abspath(os.path.expanduser(path))
         self._saver: EpisodeSaver | None = EpisodeSaver(self._path)
         self._error = self._logged_error = ''
 

@@ -63,6 +63,8 @@ class EpisodeBuilder:
         Episodes closed at `max_episode_steps` or `max_episode_bytes`.
     ends : EndCounts
         Episodes by the end that was seen, terminated or truncated, and which of these were lost.
+    stamps : list of numpy.ndarray of int, or None
+        If it is a list, the stamps of the steps of each episode are added to it.
 
     """
 
@@ -73,6 +75,7 @@ class EpisodeBuilder:
         self.dropped: Counter[str] = Counter()
         self.last_drops: dict[str, str] = {}
         self.ends = EndCounts()
+        self.stamps: list[np.ndarray] | None = None
         self.clear()
 
     def clear(self) -> None:
@@ -88,8 +91,17 @@ class EpisodeBuilder:
         """Steps of the open episode."""
         return len(self._open_rewards)
 
-    def add(self, state: Sequence[float], sample: RewardSample) -> list[Episode]:
-        """Add a step to the open episode, or begin one with it; return what it completes."""
+    def add(self, state: Sequence[float], sample: RewardSample, stamp: int) -> list[Episode]:
+        """Add a step to the open episode, or begin one with it; return what it completes.
+
+        Parameters
+        ----------
+        state : sequence of float
+        sample : RewardSample
+        stamp : int
+            Nanoseconds.
+
+        """
         previous = self._previous
         self._previous = sample
         completed = []
@@ -108,6 +120,7 @@ class EpisodeBuilder:
         if self._open_rewards or self._may_begin(sample, previous):
             self._open_states.extend(state)
             self._open_rewards.append(sample.reward)
+            self._open_stamps.append(stamp)
             self._skipping = self._was_cut = False
         elif not self._skipping:
             self.break_off(
@@ -165,11 +178,14 @@ class EpisodeBuilder:
     def _close(self) -> Episode:
         rewards = np.array(self._open_rewards)
         episode = Episode(np.array(self._open_states).reshape(len(rewards), -1), rewards)
+        if self.stamps is not None:
+            self.stamps.append(np.array(self._open_stamps))
         self._forget_open()
         return episode
 
     def _forget_open(self) -> None:
         self._open_states, self._open_rewards = array('d'), array('d')
+        self._open_stamps = array('q')
 
 
 def _follows(sample: RewardSample, previous: RewardSample) -> bool:

@@ -144,7 +144,7 @@ class EpisodeAssembler:
         """
         if self.channel_names is None:
             return self._add_first_state(stamp, names, values)
-        state = self.reader.read(names, values)
+        state = self.reader.state_of(names, values)
         stamp = self._partner_of(stamp, self._rewards)
         if state is None or not self._is_new(stamp, state, self._states, 'state'):
             return []
@@ -262,7 +262,7 @@ class EpisodeAssembler:
         if len(self._recent) > MAX_PENDING:
             del self._recent[next(iter(self._recent))]
         self.num_transitions += 1
-        return self.builder.add(transition.state, transition.sample)
+        return self.builder.add(transition.state, transition.sample, stamp)
 
     def _discard_state(self, stamp: int, cause: str, waiting: Waiting | None = None) -> None:
         del (self._states if waiting is None else waiting)[stamp]

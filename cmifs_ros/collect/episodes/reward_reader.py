@@ -20,7 +20,7 @@ class RewardReader:
         self._names: list[str] | None = None
         self._columns: list[int | None] = []
 
-    def read(self, names: list[str], values: array) -> RewardSample:
+    def sample_of(self, names: list[str], values: array) -> RewardSample:
         """Return the sample of a message's names and values.
 
         Raises

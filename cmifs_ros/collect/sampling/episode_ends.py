@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 
 from cmifs_ros.collect.robot_file.expression import Expression
 from cmifs_ros.collect.robot_file.field_path import FieldPath
-from cmifs_ros.collect.robot_file.reader import RobotFile
+from cmifs_ros.collect.robot_file.model import RobotFile
 
 ENDS = ('terminated', 'truncated')
 _EXECUTING = (1, 2, 3)

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, field
 
 from cmifs_ros.collect.robot_file.field_path import FieldPath, MissingFieldError
-from cmifs_ros.collect.robot_file.reader import STATUS, RobotFile, Source, UnlistedKindError
+from cmifs_ros.collect.robot_file.model import STATUS, RobotFile, Source, UnlistedKindError
 
 from .episode_ends import ENDS
 from .event_order import SECOND
@@ -65,7 +65,7 @@ class MessageReader:
             return None, None, f'its stamp: {error}'
         for source in self._by_topic[topic]:
             try:
-                values = source.read(message)
+                values = source.readings(message)
                 if values:
                     content.values[source.name] = values
             except UnlistedKindError as error:
@@ -84,7 +84,7 @@ class MessageReader:
         """Return what a message says by a path, None if it is none of its topic."""
         if not isinstance(rule, FieldPath) or rule.topic != topic:
             return None
-        return sum(rule.numbers(message)) if rule.fields else 1.0
+        return sum(rule.numbers_in(message)) if rule.fields else 1.0
 
     def _read_reward(self, topic: str, message, content: Content) -> None:
         content.reward = self._said(self._robot.reward, topic, message)
@@ -99,5 +99,5 @@ class MessageReader:
         if self._robot.action and topic == self._robot.action + STATUS:
             content.goals = [
                 (bytes(map(int, entry.goal_info.goal_id.uuid)), int(entry.status))
-                for entry in FieldPath(topic, ('status_list',)).read(message)[0]
+                for entry in FieldPath(topic, ('status_list',)).values_in(message)[0]
             ]

@@ -6,7 +6,7 @@ import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 
-from cmifs_ros.collect.robot_file.reader import Source
+from cmifs_ros.collect.robot_file.model import Source
 from cmifs_ros.core.words import counted, listed
 
 from .event_order import SECOND

@@ -14,7 +14,7 @@ from typing import NamedTuple
 from cmifs_ros.collect.episodes.builder import RewardSample
 from cmifs_ros.collect.episodes.end_counts import EndCounts
 from cmifs_ros.collect.robot_file.expression import Expression
-from cmifs_ros.collect.robot_file.reader import (
+from cmifs_ros.collect.robot_file.model import (
     OWN_VALUES,
     RobotFile,
     Source,

@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from typing import NamedTuple
 
 from cmifs_ros.collect.episodes.builder import RewardSample
-from cmifs_ros.collect.robot_file.reader import Source
+from cmifs_ros.collect.robot_file.model import Source
 
 #: An episode is kept without its last steps if it has so many times as many before them.
 _SHARE = 2

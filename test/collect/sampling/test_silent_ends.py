@@ -42,7 +42,7 @@ def run(num_silent, *, silent=('range',), ends='hit', back=0, cost=0.5, more='')
         for topic, message in messages.items():
             steps += sampler.add(f'/{topic}', message, i * SECOND // 10)
     steps += sampler.flush()
-    return [e for step in steps for e in builder.add(step.state, step.sample)], sampler
+    return [e for step in steps for e in builder.add(step.state, step.sample, step.stamp)], sampler
 
 
 WHOLE = [0.5] * (LENGTH - 2) + [-9.5]
