@@ -22,7 +22,8 @@ from cmifs_ros.collect.sampling.bag_reader import (
     unwatched,
 )
 from cmifs_ros.collect.sampling.event_order import SECOND
-from cmifs_ros.collect.sampling.sampler import Sampler, event_time
+from cmifs_ros.collect.sampling.message_reader import event_time
+from cmifs_ros.collect.sampling.sampler import Sampler
 from cmifs_ros.collect.sampling.step import Step
 from cmifs_ros.core import Episode
 from cmifs_ros.core.words import first
@@ -185,7 +186,7 @@ class _Sampled:
         }
         lacking = sampler.missing.in_words(sampler.missing.counts)
         dropped |= {f'steps without {what}': n for what, n in lacking.items()}
-        return dropped | sampler.ends.in_words()
+        return dropped | sampler.ends.dropped_in_words()
 
 
 def _topics_called(name: str, topics: Collection[str]) -> list[str]:
@@ -240,4 +241,5 @@ class _StatesAndRewards:
 
     def finish(self) -> dict[str, int]:
         counts = self._assembler.dropped_messages
-        return {explained('messages', cause): n for cause, n in counts.items()}
+        dropped = {explained('messages', cause): n for cause, n in counts.items()}
+        return dropped | self.builder.ends.dropped_in_words()

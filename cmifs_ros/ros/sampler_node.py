@@ -7,6 +7,7 @@ import sys
 from functools import partial
 
 from diagnostic_msgs.msg import DiagnosticArray
+from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
@@ -37,7 +38,14 @@ class SamplerNode(Node):
     def __init__(self):
         super().__init__('sampler')
         path = self.declare_parameter('robot_file', '').value
-        max_lateness = self.declare_parameter('max_lateness', 5.0).value
+        max_lateness = self.declare_parameter(
+            'max_lateness',
+            5.0,
+            ParameterDescriptor(
+                read_only=True,
+                description='seconds for which a topic is waited for at most',
+            ),
+        ).value
         warn_of_unknown(self, ['robot_file', 'max_lateness'])
         if not path:
             raise ValueError('robot_file is empty; expected the path of a robot file')

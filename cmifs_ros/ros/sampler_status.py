@@ -84,6 +84,8 @@ class SamplerStatus:
             shown = '; '.join(f'{count} lack {what}' for what, count in causes)
             level = diagnostics.WARN
             message = f'of the last {counted(moments, "step")}, {shown}; they break episodes'
+        elif problem := sampler.ends.problem():
+            level, message = diagnostics.WARN, problem
         elif problems:
             level, message = diagnostics.WARN, f'wanting: {listed(sorted(problems))}'
         elif not moments:
@@ -99,6 +101,8 @@ class SamplerStatus:
                 f'missing: {what}': f'{count} of {now["moments"]}'
                 for what, count in sampler.missing.in_words(now['missing']).most_common(_MAX_CAUSES)
             },
+            **{f'episodes ended: {kind}': count for kind, count in sampler.ends.ended.items()},
+            **{f'episodes lost: {kind}': sampler.ends.num_lost(kind) for kind in sampler.ends.lost},
         }
         return diagnostics.status(f'{self._name}: steps', level, message, values)
 

@@ -146,7 +146,10 @@ def test_a_half_life_that_no_step_fits_in_is_refused(tmp_path, robot, capsys):
     write_bag(tmp_path / 'bag', 60)
     options = ['--robot', robot, '--out', str(tmp_path), '--half-life', '1e-6']
     assert main([str(tmp_path / 'bag'), *options]) == 1
-    assert 'leaves nothing of a reward after a step of 0.1 s; expected a longer one' in capsys.readouterr().err
+    assert (
+        'leaves nothing of a reward after a step of 0.1 s; expected a longer one'
+        in capsys.readouterr().err
+    )
 
 
 def test_jobs_change_nothing(tmp_path, robot):

@@ -12,6 +12,9 @@ import numpy as np
 
 from cmifs_ros.core import Episode
 
+from .drops import CAUSES
+from .end_counts import EndCounts
+
 
 class RewardSample(NamedTuple):
     """The reward of one step and what its publisher says of the step; None: says nothing."""
@@ -59,8 +62,8 @@ class EpisodeBuilder:
         By cause, the most recent of them in words.
     num_cut : int
         Episodes closed at `max_episode_steps` or `max_episode_bytes`.
-    kept_ends, lost_ends : collections.Counter
-        Episodes that were kept, and dropped, by the end that was seen: terminated or truncated.
+    ends : EndCounts
+        Episodes by the end that was seen, terminated or truncated, and which of these were lost.
     stamps : list of numpy.ndarray of int, or None
         If it is a list, the stamps of the steps of each episode are added to it.
 
@@ -72,8 +75,7 @@ class EpisodeBuilder:
         self.num_cut = 0
         self.dropped: Counter[str] = Counter()
         self.last_drops: dict[str, str] = {}
-        self.kept_ends: Counter[str] = Counter()
-        self.lost_ends: Counter[str] = Counter()
+        self.ends = EndCounts()
         self.stamps: list[np.ndarray] | None = None
         self._distances: deque[int] = deque(maxlen=1000)  # From one step to the next.
         self.clear()
@@ -83,6 +85,7 @@ class EpisodeBuilder:
         self._forget_open()
         self._previous: RewardSample | None = None
         self._skipping = False
+        self._broken_by = 'joined_midway'  # The cause for which steps are skipped.
         self._was_cut = False
 
     @property
@@ -134,10 +137,11 @@ class EpisodeBuilder:
             )
 
         if sample.ends_episode:
-            ends = self.kept_ends if self._open_rewards else self.lost_ends
-            ends[sample.end] += 1
             if self._open_rewards:
+                self.ends.add(sample.end)
                 completed.append(self._close())
+            else:
+                self.ends.add_lost(sample.end, CAUSES[self._broken_by])
             self._skipping = False
         elif self._is_full(len(state) + 1):
             completed.append(self._close())
@@ -149,7 +153,7 @@ class EpisodeBuilder:
         """Take the reward of a step whose state is lost: its episode is."""
         self.break_off('lost_state', 'an episode has a reward without its state')
         if sample.ends_episode:
-            self.lost_ends[sample.end] += 1
+            self.ends.add_lost(sample.end, CAUSES[self._broken_by])
         self._skipping = not sample.ends_episode
         self._previous = sample
 
@@ -162,6 +166,7 @@ class EpisodeBuilder:
     def break_off(self, cause: str, what: str) -> None:
         """Drop the episode under way; skip its rest."""
         if not self._skipping:
+            self._broken_by = cause
             self.dropped[cause] += 1
             self.last_drops[cause] = what
         self._forget_open()

@@ -172,7 +172,9 @@ class InputWatch:
             return []
         self._logged_at, self._logged_drops = now, counts
         numbers = ', '.join(f'{number} {cause}' for cause, number in new.items())
-        return [f'dropped {numbers}: {self._words(new)}']
+        lines = [f'dropped {numbers}: {self._words(new)}']
+        problem = self._assembler.builder.ends.problem()
+        return [*lines, problem] if problem else lines
 
     def _firsts(self) -> list[str]:
         lines = []

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Iterable, Mapping
 
 from cmifs_ros.collect.robot_file.expression import Expression
 from cmifs_ros.collect.robot_file.field_path import FieldPath
 from cmifs_ros.collect.robot_file.model import RobotFile
-from cmifs_ros.core.words import counted, listed
 
 ENDS = ('terminated', 'truncated')
 _EXECUTING = (1, 2, 3)
@@ -109,55 +107,3 @@ class EpisodeEnds:
         # Between episodes a mere event has passed: a message of a topic, or a goal's end.
         may_hold = is_open or (isinstance(rule, FieldPath) and rule.fields)
         return self._holds[end] or (may_hold and self._events[end])
-
-
-class EndCounts:
-    """How many episodes ended how, and of which steps were lost.
-
-    Attributes
-    ----------
-    ended : collections.Counter
-        Episodes by kind of end.
-    lost, shortened : dict of str to collections.Counter
-        By kind of end: episodes that lack a step, and those that are kept up to where a topic fell
-        silent, by what was missing.
-
-    """
-
-    def __init__(self):
-        self.ended: Counter[str] = Counter()
-        self.lost: dict[str, Counter[str]] = {}
-        self.shortened: dict[str, Counter[str]] = {}
-
-    def add(self, kind: str, lacking: Iterable[str] = (), *, is_kept: bool = False) -> None:
-        """Count an episode that has ended, and what steps of it lacked."""
-        self.ended[kind] += 1
-        causes = set(lacking)
-        if causes:
-            counts = self.shortened if is_kept else self.lost
-            counts.setdefault(kind, Counter())[listed(sorted(causes))] += 1
-
-    def in_words(self) -> dict[str, int]:
-        """Return sentences, and the number of episodes that each is of."""
-        said = {}
-        for kind, causes in self.lost.items():
-            lost, ended = causes.total(), self.ended[kind]
-            others = self.ended.total() - ended
-            left = 'none of these is left' if lost == ended else f'{ended - lost} of these are left'
-            kept = others - sum(c.total() for k, c in self.lost.items() if k != kind)
-            rest = f', {kept} of {others} that ended otherwise' if others else ''
-            what = causes.most_common(1)[0][0]
-            said[
-                f'of {counted(ended, "episode")} that ended by `{kind}`: a step lacks {what}; '
-                f'{left}{rest}'
-            ] = lost
-        return said
-
-    def shortened_in_words(self) -> dict[str, int]:
-        """Return sentences of the episodes that are kept up to where a topic fell silent."""
-        return {
-            f'of {counted(self.ended[kind], "episode")} that ended by `{kind}`: kept up to where '
-            f'{what} fell silent, with all rewards': count
-            for kind, causes in self.shortened.items()
-            for what, count in causes.items()
-        }

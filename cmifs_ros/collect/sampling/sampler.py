@@ -9,48 +9,28 @@ from __future__ import annotations
 import math
 from array import array
 from collections import Counter
-from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from cmifs_ros.collect.episodes.builder import RewardSample
+from cmifs_ros.collect.episodes.end_counts import EndCounts
 from cmifs_ros.collect.robot_file.expression import Expression
-from cmifs_ros.collect.robot_file.field_path import FieldPath, MissingFieldError
 from cmifs_ros.collect.robot_file.model import (
     OWN_VALUES,
-    STATUS,
     RobotFile,
     Source,
-    UnlistedKindError,
 )
+from cmifs_ros.core.words import listed
 
 from . import missing_values
-from .episode_ends import ENDS, EndCounts, EpisodeEnds
+from .episode_ends import EpisodeEnds
 from .event_order import CLOCK_SET, SECOND, EventOrder, Moment
+from .message_reader import MessageReader
 from .missing_values import MissingValues
 from .step import SilentTail, Step
 
 #: When nothing has come for so long after an end was told, no step is waited for.
 QUIET = 2 * SECOND
-_UNREADABLE = (
-    MissingFieldError, TypeError, ValueError, AttributeError, LookupError, ArithmeticError,
-)  # fmt: skip
 _OWN = dict.fromkeys(OWN_VALUES, 0.0)
-
-
-def event_time(message) -> int | None:
-    """Return its header's stamp in nanoseconds; None if there is none, or it is 0."""
-    stamp = getattr(getattr(message, 'header', None), 'stamp', None)
-    return None if stamp is None else (stamp.sec * SECOND + stamp.nanosec or None)
-
-
-@dataclass
-class _Content:
-    """What the robot file takes of a message, so that itself need not be kept."""
-
-    values: dict[str, list[float]] = field(default_factory=dict)
-    reward: float | None = None
-    ends: dict[str, bool] = field(default_factory=dict)
-    goals: list[tuple[bytes, int]] = field(default_factory=list)
 
 
 class _Left(NamedTuple):
@@ -93,9 +73,7 @@ class Sampler:
 
     def __init__(self, robot: RobotFile, max_lateness: float | None = 5.0):
         self._robot = robot
-        self._by_topic: dict[str, list[Source]] = {topic: [] for topic in robot.topics}
-        for source in robot.sources:
-            self._by_topic[source.path.topic].append(source)
+        self._reader = MessageReader(robot)
         self._period = int(SECOND / robot.rate) if robot.rate else None
         self._order = EventOrder(robot.topics, max_lateness)
         self.late, self.wrong = self._order.late, self._order.wrong
@@ -152,12 +130,11 @@ class Sampler:
 
         """
         self.received[topic] += 1
-        try:
-            stamp = event_time(message)
-        except _UNREADABLE as error:
-            self.note_wrong(topic, f'its stamp: {error}')
+        stamp, content, problem = self._reader.content_of(topic, message)
+        if problem:
+            self.note_wrong(topic, problem)
+        if content is None:
             return []
-        content = self._read(topic, message)
         time = received if stamp is None else stamp
         return self._work(self._order.add(topic, time, stamp is not None, content))
 
@@ -176,44 +153,6 @@ class Sampler:
     def note_wrong(self, topic: str, what: str) -> None:
         """Count a message that cannot be used."""
         self._order.note_wrong(topic, what)
-
-    def _read(self, topic: str, message) -> _Content:
-        """Return what the message says."""
-        content = _Content()
-        problem: str | None = None
-        for source in self._by_topic[topic]:
-            try:
-                values = source.readings(message)
-                if values:
-                    content.values[source.name] = values
-            except UnlistedKindError as error:
-                content.values[source.name] = [math.nan]  # What it was before, it is no longer.
-                problem = str(error)
-            except _UNREADABLE as error:
-                problem = str(error)
-        for key in ('reward', *ENDS):
-            rule = getattr(self._robot, key)
-            if isinstance(rule, FieldPath) and rule.topic == topic:
-                try:
-                    value = sum(rule.numbers_in(message)) if rule.fields else 1.0
-                except _UNREADABLE as error:
-                    problem = str(error)
-                    continue
-                if key == 'reward':
-                    content.reward = value
-                else:
-                    content.ends[key] = bool(value)
-        if self._robot.action and topic == self._robot.action + STATUS:
-            try:
-                content.goals = [
-                    (bytes(map(int, entry.goal_info.goal_id.uuid)), int(entry.status))
-                    for entry in FieldPath(topic, ('status_list',)).values_in(message)[0]
-                ]
-            except _UNREADABLE as error:
-                problem = str(error)
-        if problem is not None:  # However many fields it concerns, it is one message.
-            self.note_wrong(topic, problem)
-        return content
 
     def _work(self, moments: list[Moment]) -> list[Step]:
         steps: list[Step] = []
@@ -317,23 +256,27 @@ class Sampler:
                 steps = [step]
         if self._tail is not None:
             steps += self._follow_tail(reached, has_ended)
+        elif has_ended and self._lacking:
+            self.ends.add_lost(end.kind, f'a step lacks {listed(sorted(self._lacking))}')
         elif has_ended:
-            self.ends.add(end.kind, self._lacking)
+            self.ends.add(end.kind)
         self.num_steps += len(steps)
         return steps
 
     def _follow_tail(self, reached: _Left, has_ended: bool) -> list[Step]:
         """Return the step that waited while a topic was silent, if what became of it is known."""
         tail, end = self._tail, self._end
-        if has_ended and tail.is_sound and end.kind != 'steps':
-            self.ends.add(end.kind, self._lacking or tail.names, is_kept=not self._lacking)
-            return [tail.with_end(end.terminated, end.truncated)]
         if not has_ended and tail.is_sound and reached.state is None:
             return []
+        names = listed(sorted(self._lacking | tail.names))
+        # Windows of so many steps end anywhere: of these nothing is mended.
+        if has_ended and tail.is_sound and not self._lacking and end.kind != 'steps':
+            self.ends.add_shortened(end.kind, f'they lack {names}')
+            return [tail.with_end(end.terminated, end.truncated)]
+        if has_ended:
+            self.ends.add_lost(end.kind, f'a step lacks {names}')
         self._lacking |= tail.names
         self._tail = None
-        if has_ended:
-            self.ends.add(end.kind, self._lacking)
         return [tail.step]
 
     def _begin(self, reached: _Left, before: dict) -> None:
