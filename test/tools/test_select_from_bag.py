@@ -380,7 +380,7 @@ def test_states_and_rewards_of_a_bag_are_no_sensors(tmp_path, capsys):
     write_states_and_rewards(tmp_path / 'bag', written)
     assert make_robot_file(['--bag', str(tmp_path / 'bag')]) == 0
     text = capsys.readouterr().out
-    assert '# /robot/reward: it is a reward, so no sensor' in text
+    assert '# /robot/reward: a reward; not a sensor' in text
     assert not re.search(r'(?m)^  \w+:', text)
 
 
@@ -458,7 +458,7 @@ def test_a_robot_file_is_made_that_lacks_only_the_reward(tmp_path, capsys):
     (turn,) = (s for s in robot.sources if s.is_yaw)
     assert turn.path.fields == ('pose', 'orientation')
     assert len(paths) == len(robot.sources)
-    assert "# /said says 'hello'\n" in text
+    assert "# /said is text: 'hello'\n" in text
     with pytest.raises(BagError, match='does not exist'), open_bag(tmp_path / 'nothing'):
         pass
 

@@ -135,11 +135,11 @@ def robot_file_of_topics(
         if one.fields is None:
             without.append(f'{one.topic}{one.problem}')
         elif one.topic in own:
-            without.append(f'{one.topic}: {own[one.topic]}, so no sensor')
+            without.append(f'{one.topic}: {own[one.topic]}; not a sensor')
         elif telling:
             found += [(one, field) for field in telling]
         elif fields:
-            without += [f'{one.topic} says {fields[0].shown_words}']
+            without += [f'{one.topic} is text: {fields[0].shown_words}']
         else:
             without.append(f'{one.topic} ({one.kind}) has no numeric field')
         if len(fields) == MAX_FIELDS:
@@ -158,7 +158,7 @@ def _channel(name: str, field: ObservedField, heard: ObservedTopic, age: str) ->
     path, options = json.dumps(field.text), field.options + age
     one_hot = f'{name}: {{path: {path}{options}, one_hot: [%s]}}'
     if field.words:
-        return f'  # {one_hot % ", ".join(field.words)}  # words that were said here'
+        return f'  # {one_hot % ", ".join(field.words)}  # text; words seen'
     line = f'{name}: ' + (f'{{path: {path}{options}}}' if options else path)
     if field.why_not:
         unseen, count = heard.num_unseen, heard.count
