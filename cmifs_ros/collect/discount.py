@@ -33,10 +33,26 @@ class Discount:
         step_seconds : float
             How long a step lasts; of no meaning to a gamma.
 
+        Raises
+        ------
+        ValueError
+            If that is not known, or a reward counts nothing after a step.
+
         """
         if self.gamma is not None:
             return self.gamma
-        return 0.5 ** (step_seconds / self.half_life)
+        if not step_seconds > 0:
+            raise ValueError(
+                f'a half-life of {self.half_life:g} s needs the time between steps, of which there '
+                'are no two in an episode; expected more steps, or gamma'
+            )
+        gamma = 0.5 ** (step_seconds / self.half_life)
+        if gamma < 1e-6:
+            raise ValueError(
+                f'a half-life of {self.half_life:g} s leaves nothing of a reward after a step of '
+                f'{step_seconds:.3g} s; expected a longer one, or gamma'
+            )
+        return gamma
 
 
 def in_words(gamma: float, step_seconds: float) -> str:

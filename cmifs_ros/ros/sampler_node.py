@@ -53,6 +53,8 @@ class SamplerNode(Node):
             raise ValueError(f'max_lateness is {max_lateness}; expected seconds, 0 or more')
         self._robot = load_robot_file(path)
         self._names = self._robot.channel_names
+        discount = vars(self._robot.discount) if self._robot.discount else {}
+        self._discount = {key: value for key, value in discount.items() if value is not None}
         self._sampler = Sampler(self._robot, max_lateness)
         stream = QoSProfile(depth=1000)
         self._state_publisher = self.create_publisher(JointState, 'state', stream)
@@ -137,7 +139,7 @@ class SamplerNode(Node):
             self._state_publisher.publish(
                 conversions.named_values_to_msg(header, self._names, step.state)
             )
-            fields = step.sample._asdict()
+            fields = step.sample._asdict() | self._discount
             self._reward_publisher.publish(
                 conversions.named_values_to_msg(header, fields, fields.values())
             )

@@ -13,6 +13,7 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 
+from cmifs_ros.collect.discount import Discount
 from cmifs_ros.collect.episodes.buffer import EpisodeBuffer
 from cmifs_ros.collect.episodes.input_watch import InputWatch, Topic
 from cmifs_ros.collect.episodes.pairing import EpisodeAssembler, RewardSample
@@ -91,6 +92,21 @@ class SelectorInput:
         """What is wrong with the input, or nothing."""
         found = self._watch.assessment
         return '' if found.level == 'OK' else found.message
+
+    def gamma(self) -> float:
+        """Return the discount factor of a step: as the robot file says, else the parameters.
+
+        Raises
+        ------
+        ValueError
+            If a half-life does not fit the time between steps.
+
+        """
+        discount = self._reward_reader.discount
+        if discount is None and self._settings['half_life']:
+            discount = Discount(half_life=self._settings['half_life'])
+        discount = discount or Discount(self._settings['gamma'])
+        return discount.per_step(self.assembler.builder.step_seconds)
 
     def apply(self) -> None:
         """Take over the parameters."""

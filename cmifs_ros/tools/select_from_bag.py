@@ -179,12 +179,10 @@ def _gamma(pool: Pool, robot: RobotFile | None, options: argparse.Namespace) -> 
     if options.gamma or options.half_life:
         discount = Discount(options.gamma, options.half_life)
     step = 1 / robot.rate if robot and robot.rate else pool.step_seconds
-    gamma = discount.per_step(step)
-    if not 0 < gamma <= 1:
-        raise StudyError(
-            f'a half-life of {discount.half_life:g} s makes gamma {gamma:g}, as a step lasts '
-            f'{step:.3g} s; expected a longer half-life, or --gamma'
-        )
+    try:
+        gamma = discount.per_step(step)
+    except ValueError as error:
+        raise StudyError(str(error)) from None
     print(f'discount: {in_words(gamma, step)}')
     return gamma
 

@@ -27,3 +27,12 @@ def test_a_factor_is_of_the_step_itself():
 )
 def test_what_a_discount_means_is_told(gamma, step_seconds, said):
     assert in_words(gamma, step_seconds) == said
+
+
+@pytest.mark.parametrize(
+    ('half_life', 'step_seconds', 'said'),
+    [(2.0, nan, 'of which there are no two'), (0.001, 1.0, 'leaves nothing of a reward after a')],
+)
+def test_a_half_life_needs_steps_that_fit(half_life, step_seconds, said):
+    with pytest.raises(ValueError, match=said):
+        Discount(half_life=half_life).per_step(step_seconds)

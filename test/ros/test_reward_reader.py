@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from std_msgs.msg import Header
 
+from cmifs_ros.collect.discount import Discount
 from cmifs_ros.collect.episodes.pairing import RewardSample
 from cmifs_ros.collect.episodes.reward_reader import RewardReader
 from cmifs_ros.ros import conversions
@@ -49,3 +50,14 @@ def test_fields_may_change_their_order_and_come_and_go():
 def test_huge_rewards_are_finite_though_their_sum_is_not():
     sample = RewardReader().sample_of(['reward', 'action', 'step'], array('d', [1e308, 1e308, 1]))
     assert sample == RewardSample(1e308, step=1)
+
+
+def test_a_discount_may_stand_beside_the_reward():
+    reader = RewardReader()
+    for names, values, discount in (
+        (['reward'], [1], None),
+        (['reward', 'half_life'], [1, 20], Discount(half_life=20.0)),
+        (['gamma', 'reward'], [0.9, 1], Discount(0.9)),
+    ):
+        assert reader.sample_of(names, array('d', values)).reward == 1
+        assert reader.discount == discount

@@ -27,6 +27,7 @@ channels:
   radio: {path: /radio.data, max_age: 5.0}
 reward: "x - before(x) + 10 * succeeded"
 episode: {action: /go}
+discount: {half_life: 2.0}
 """
 CHANNELS = ['x', 'yaw.sin', 'yaw.cos', 'scan[0]', 'scan[4]', 'scan[8]', 'radio']
 BEST_EFFORT = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -90,14 +91,16 @@ class Drive:
 def test_a_robot_of_its_own_topics_gives_episodes_and_groups(start, robot, robot_file):
     sampler = start('sampler_node', robot_file=robot_file)
     start('selector_node', selection_period=0.0, min_episodes=3, num_features=4)
-    states = []
+    states, rewards = [], []
     robot.node.create_subscription(JointState, 'state', states.append, 10)
+    robot.node.create_subscription(JointState, 'reward', rewards.append, 10)
     robot.until(lambda: {'sampler: steps', 'selector: input'} <= robot.diagnostics.keys())
     assert robot.diagnostics['sampler: steps'][0] == WARN
     assert 'nobody publishes it' in robot.diagnostics['sampler: /odom'][1]
     Drive(robot)  # Its publishers come after the sampler.
     robot.until(lambda: robot.value('episodes') >= 5, 60)
     assert list(states[-1].name) == CHANNELS
+    assert dict(zip(rewards[-1].name, rewards[-1].position, strict=True))['half_life'] == 2
     assert states[-1].position[4:6] == pytest.approx([states[-1].position[3], 8])
     assert hypot(*states[-1].position[1:3]) == pytest.approx(1)
     refusal = robot.set_parameter('num_features', 5)

@@ -146,7 +146,10 @@ def test_a_half_life_that_no_step_fits_in_is_refused(tmp_path, robot, capsys):
     write_bag(tmp_path / 'bag', 60)
     options = ['--robot', robot, '--out', str(tmp_path), '--half-life', '1e-6']
     assert main([str(tmp_path / 'bag'), *options]) == 1
-    assert 'expected a longer half-life' in capsys.readouterr().err
+    assert (
+        'leaves nothing of a reward after a step of 0.1 s; expected a longer one'
+        in capsys.readouterr().err
+    )
 
 
 def test_jobs_change_nothing(tmp_path, robot):
@@ -377,7 +380,7 @@ def test_states_and_rewards_of_a_bag_are_no_sensors(tmp_path, capsys):
     write_states_and_rewards(tmp_path / 'bag', written)
     assert make_robot_file(['--bag', str(tmp_path / 'bag')]) == 0
     text = capsys.readouterr().out
-    assert '# /robot/reward: it is a reward, so no sensor' in text
+    assert '# /robot/reward: a reward; not a sensor' in text
     assert not re.search(r'(?m)^  \w+:', text)
 
 
@@ -455,7 +458,7 @@ def test_a_robot_file_is_made_that_lacks_only_the_reward(tmp_path, capsys):
     (turn,) = (s for s in robot.sources if s.is_yaw)
     assert turn.path.fields == ('pose', 'orientation')
     assert len(paths) == len(robot.sources)
-    assert "# /said says 'hello'\n" in text
+    assert "# /said is text: 'hello'\n" in text
     with pytest.raises(BagError, match='does not exist'), open_bag(tmp_path / 'nothing'):
         pass
 

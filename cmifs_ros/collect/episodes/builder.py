@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from array import array
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -76,6 +77,7 @@ class EpisodeBuilder:
         self.last_drops: dict[str, str] = {}
         self.ends = EndCounts()
         self.stamps: list[np.ndarray] | None = None
+        self._distances: deque[int] = deque(maxlen=1000)  # From one step to the next.
         self.clear()
 
     def clear(self) -> None:
@@ -90,6 +92,11 @@ class EpisodeBuilder:
     def num_open_steps(self) -> int:
         """Steps of the open episode."""
         return len(self._open_rewards)
+
+    @property
+    def step_seconds(self) -> float:
+        """The median time from one step to the next, lately; NaN if no episode has two."""
+        return float(np.median(self._distances)) / 1e9 if self._distances else math.nan
 
     def add(self, state: Sequence[float], sample: RewardSample, stamp: int) -> list[Episode]:
         """Add a step to the open episode, or begin one with it; return what it completes.
@@ -119,6 +126,8 @@ class EpisodeBuilder:
 
         if self._open_rewards or self._may_begin(sample, previous):
             self._open_states.extend(state)
+            if self._open_stamps:
+                self._distances.append(stamp - self._open_stamps[-1])
             self._open_rewards.append(sample.reward)
             self._open_stamps.append(stamp)
             self._skipping = self._was_cut = False

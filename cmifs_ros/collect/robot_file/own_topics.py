@@ -14,7 +14,7 @@ from cmifs_ros.collect.episodes.builder import RewardSample
 MAX_STAMPS = 1000
 _STATE = 'sensor_msgs/msg/JointState'
 _INDICES = 'std_msgs/msg/Int32MultiArray'
-_REWARD_FIELDS = {*RewardSample._fields, 'action'}
+_REWARD_FIELDS = {*RewardSample._fields, 'action', 'gamma', 'half_life'}
 #: Topics of the selector, and beside a reward those of whoever publishes it, by their last part.
 _OF_SELECTOR = {
     'selected_state': _STATE,
@@ -86,16 +86,16 @@ def own_topics(traces: Iterable[Trace]) -> dict[str, str]:
     own: dict[str, str] = {}
     rewards = [trace for trace in traces if trace.is_reward]
     for trace in rewards:
-        own[trace.topic] = 'it is a reward'
+        own[trace.topic] = 'a reward'
     states: list[Trace] = []
     for trace in traces:
         for reward in rewards:
             if trace.topic in own:
                 break
             if trace.space == reward.space and trace.last in _BESIDE_REWARD:
-                own[trace.topic] = f'it belongs to {reward.topic}'
+                own[trace.topic] = f'it belongs to the reward {reward.topic}'
             elif trace.has_stamps_of(reward):
-                own[trace.topic] = f'it has the stamps of {reward.topic}, which is a reward'
+                own[trace.topic] = f'it has the stamps of the reward {reward.topic}'
             else:
                 continue
             states.append(trace)
@@ -105,9 +105,9 @@ def own_topics(traces: Iterable[Trace]) -> dict[str, str]:
         if trace.topic in own:
             continue
         if _OF_SELECTOR.get(trace.last) == trace.kind or trace.label == 'channel':
-            own[trace.topic] = 'a selector publishes it'
+            own[trace.topic] = 'published by a selector'
         elif trace.kind == _STATE and trace.names and trace.names <= channels | stems:
-            own[trace.topic] = f'its names are those of {states[0].topic}'
+            own[trace.topic] = f'it has the channel names of {states[0].topic}'
     return own
 
 

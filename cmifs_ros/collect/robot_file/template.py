@@ -25,6 +25,8 @@ from .own_topics import own_topics
 #: Of a bag's topic about so many messages are looked at, evenly spaced, and of those of no more
 #: bytes than this each that differs from the one before: a bumper is hit rarely.
 MAX_LOOKS, MAX_SHORT = 1000, 64
+#: Last parts of topics that say little without the one before.
+_GENERAL = ('data', 'data_raw', 'raw', 'state', 'status', 'value', 'filtered')
 _OF_ROS = ('/rosout', '/parameter_events', '/clock')
 
 
@@ -133,11 +135,11 @@ def robot_file_of_topics(
         if one.fields is None:
             without.append(f'{one.topic}{one.problem}')
         elif one.topic in own:
-            without.append(f'{one.topic}: {own[one.topic]}, so no sensor')
+            without.append(f'{one.topic}: {own[one.topic]}; not a sensor')
         elif telling:
             found += [(one, field) for field in telling]
         elif fields:
-            without += [f'{one.topic} says {fields[0].shown_words}']
+            without += [f'{one.topic} is text: {fields[0].shown_words}']
         else:
             without.append(f'{one.topic} ({one.kind}) has no numeric field')
         if len(fields) == MAX_FIELDS:
@@ -156,7 +158,7 @@ def _channel(name: str, field: ObservedField, heard: ObservedTopic, age: str) ->
     path, options = json.dumps(field.text), field.options + age
     one_hot = f'{name}: {{path: {path}{options}, one_hot: [%s]}}'
     if field.words:
-        return f'  # {one_hot % ", ".join(field.words)}  # words that were said here'
+        return f'  # {one_hot % ", ".join(field.words)}  # text; words seen'
     line = f'{name}: ' + (f'{{path: {path}{options}}}' if options else path)
     if field.why_not:
         unseen, count = heard.num_unseen, heard.count
@@ -203,14 +205,21 @@ def _names(paths: list[FieldPath]) -> list[str]:
 def _alternatives(path: FieldPath) -> list[str]:
     """Return what a field may be called, the shortest first."""
     spaces = [_word(part) for part in path.topic.strip('/').split('/')]
+    if spaces[-1] in _GENERAL and len(spaces) > 1:
+        spaces[-2:] = ['_'.join(spaces[-2:])]
     parts: list[str] = []
     for part in path.fields:
-        if part[0] in '{[':  # The entry's name says more than that of its array.
-            parts[-1] = _word(part[1:-1]) if part[0] == '{' else f'{parts[-1]}_{part[1:-1]}'
+        if part[0] == '{':  # The entry's name says more than that of its array.
+            parts[-1] = _word(part[1:-1])
+        elif part[0] == '[':
+            parts[-1] += f'_{part[1:-1]}'
         else:
             parts.append(_word(part))
+    is_of_entry = len(path.fields) > 1 and path.fields[-2][0] == '{'
+    if path.fields == ('data',) or (is_of_entry and parts[-1] == 'value'):
+        del parts[-1]
     parts = [part for part, _ in groupby(parts)]  # Not pose_pose.
-    names: list[list[str]] = []
+    names = [] if parts else [spaces[-1:]]
     for length in range(1, len(parts) + 1):
         names += [parts[-length:]] if length > 1 else []
         names.append([spaces[-1], *parts[-length:]])

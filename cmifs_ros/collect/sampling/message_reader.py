@@ -53,7 +53,7 @@ class MessageReader:
         for source in robot.sources:
             self._by_topic[source.path.topic].append(source)
 
-    def read(self, topic: str, message) -> tuple[int | None, Content | None, str]:
+    def content_of(self, topic: str, message) -> tuple[int | None, Content | None, str]:
         """Return its stamp if it has one, its content if it is of use, and what is wrong with it.
 
         However many fields are wrong, it is one message: the last problem is told.

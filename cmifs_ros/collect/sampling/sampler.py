@@ -132,7 +132,7 @@ class Sampler:
 
         """
         self.received[topic] += 1
-        stamp, content, problem = self._reader.read(topic, message)
+        stamp, content, problem = self._reader.content_of(topic, message)
         if problem:
             self.note_wrong(topic, problem)
         if content is None:

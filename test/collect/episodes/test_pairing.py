@@ -65,6 +65,17 @@ def test_whole_episodes_come_out_as_they_went_in(fields):
     assert assembler.num_transitions == 7
 
 
+@pytest.mark.parametrize('fields', [('ends', 'episode', 'step'), ('ends',), ('episode', 'step')])
+def test_the_stamps_of_episodes_and_the_time_between_steps_are_known(fields):
+    assembler = EpisodeAssembler(100)
+    assert np.isnan(assembler.builder.step_seconds)
+    assembler.builder.stamps = []
+    episodes = feed(assembler, stream([3, 1, 2], fields, period=10**8))
+    stamps = [s.tolist() for s in assembler.builder.stamps]
+    assert stamps == [((e.rewards + 1) * 10**8).tolist() for e in episodes]
+    assert assembler.builder.step_seconds == 0.1
+
+
 def test_without_any_boundaries_episodes_are_closed_at_the_limit():
     assembler = EpisodeAssembler(3)
     assert rewards(feed(assembler, stream([8], fields=()))) == [[0, 1, 2], [3, 4, 5]]

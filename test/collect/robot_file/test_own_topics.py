@@ -47,8 +47,8 @@ def test_by_what_they_say_if_they_are_remapped():
     called = ['/obs', '/pay', '/small', '/worth', '/which', '/action']
     own = own_topics(traces(*called))
     assert set(own) == set(called)
-    assert own['/obs'] == 'it has the stamps of /pay, which is a reward'
-    assert own['/worth'] == 'its names are those of /obs'
+    assert own['/obs'] == 'it has the stamps of the reward /pay'
+    assert own['/worth'] == 'it has the channel names of /obs'
 
 
 def test_a_reward_of_any_type_is_no_sensor_and_what_is_beside_belongs_to_it():

@@ -101,7 +101,7 @@ def test_messages_in_arrays_are_listed_by_name_key_frame_or_place():
     )  # fmt: skip
     lines = text.splitlines()
     heat = '"/diagnostics.status{left motor}.values{Heat (C)}.value"'
-    assert any(line.startswith('  left_motor_Heat_C') and heat in line for line in lines)
+    assert f'  left_motor_Heat_C: {heat}' in lines
     assert any('# right' in line and '# never changed: 9' in line for line in lines)
     assert 'sampler' not in text
     assert '  hip_values: "/arm.interface_values{hip}.values{position,effort}"' in lines
@@ -115,12 +115,10 @@ def test_what_a_text_says_is_shown_as_categories():
     said += [('/name', 'String', Message(data='robot 1')), ('/heat', 'String', Message(data='4'))]
     said += [('/log', 'String', Message(data=f'{{"{i}": 1}}')) for i in range(99)]
     lines = text_of(KINDS, *said).splitlines()
-    assert (
-        '  # mode_data: {path: "/mode.data", one_hot: [idle, lifting]}  # words that were said here'
-    ) in lines
-    assert "# /name says 'robot 1'" in lines
-    assert any(line.startswith('# /log says \'{"0": 1}\', ') for line in lines)
-    assert any('heat_data' in line and 'never changed: 4' in line for line in lines)
+    assert ('  # mode: {path: "/mode.data", one_hot: [idle, lifting]}  # text; words seen') in lines
+    assert "# /name is text: 'robot 1'" in lines
+    assert any(line.startswith('# /log is text: \'{"0": 1}\', ') for line in lines)
+    assert any('heat: ' in line and 'never changed: 4' in line for line in lines)
 
 
 def test_an_infinite_range_is_the_greatest():
@@ -141,8 +139,12 @@ def test_no_channel_has_a_name_that_expressions_use():
 def test_names_that_say_little_have_their_topic_before_them():
     said = [(t, 'Battery', Message(voltage=i)) for i in range(2) for t in ('/a/cell', '/b/cell')]
     said += [('/base/power', 'Battery', Message(voltage=i)) for i in range(2)]
-    names = re.findall(r'(?m)^  (\w+): ', text_of(KINDS, *said))
-    assert names == ['a_cell_voltage', 'b_cell_voltage', 'power_voltage']
+    said += [(t, 'Battery', Message(voltage=i)) for i in range(2) for t in ('/bms/data',)]
+    said += [('/water/level', 'Number', Message(data=i)) for i in range(2)]
+    names = re.findall(r'(?m)^  (\w+): ', text_of(KINDS | {'Number': {'data': 'number'}}, *said))
+    assert names == [
+        'a_cell_voltage', 'b_cell_voltage', 'power_voltage', 'bms_data_voltage', 'level'
+    ]  # fmt: skip
 
 
 def test_of_a_bag_a_rare_event_is_seen_and_what_was_not_looked_at_is_told(tmp_path):
@@ -167,5 +169,5 @@ def test_of_a_bag_a_rare_event_is_seen_and_what_was_not_looked_at_is_told(tmp_pa
             hit(i, store.types['std_msgs/msg/Bool'](i == 1234))
             heat(i, still)
     text = robot_file_of_bag(tmp_path / 'bag')
-    assert '\n  hit_data: "/hit.data"\n' in text
+    assert '\n  hit: "/hit.data"\n' in text
     assert '"/t.temperature"  # never changed: 20, in 1000 of 3000 messages' in text
