@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from cmifs_ros.core.selection import Selection
-from cmifs_ros.core.statuses import REJECTED, TENTATIVE
+from cmifs_ros.core.statuses import DISPENSABLE, UNDECIDED
 from cmifs_ros.core.words import counted, first, listed, short
 
 NOTHING_SELECTED = 'no evidence that any sensor is informative about the return'
@@ -11,14 +11,14 @@ NOTHING_SELECTED = 'no evidence that any sensor is informative about the return'
 
 def is_tentative(selection: Selection) -> bool:
     """Tell whether nothing is confirmed so far, though something may be yet."""
-    return not selection.indices and any(s.status == TENTATIVE for s in selection.sensors)
+    return not selection.indices and any(s.status == UNDECIDED for s in selection.sensors)
 
 
 def headline(selection: Selection) -> str:
     """Return the result in a few words."""
     sizes = counted(selection.episodes, 'episode')
     if is_tentative(selection):
-        tested = [sensor for sensor in selection.sensors if sensor.status == TENTATIVE]
+        tested = [sensor for sensor in selection.sensors if sensor.status == UNDECIDED]
         best = min(tested, key=lambda sensor: sensor.pvalue)
         return (
             f'nothing confirmed yet; {sizes}, best so far {short(best.name)}, p = {best.pvalue:.2g}'
@@ -44,7 +44,7 @@ def evidence(selection: Selection) -> str:
     """Return what the result rests on: sizes, scores or p-values, and what was rejected."""
     shown, rejected = [], []
     for sensor in selection.sensors:
-        if sensor.status == REJECTED:
+        if sensor.status == DISPENSABLE:
             rejected.append(sensor.name)
         elif sensor.pvalue is not None:
             shown.append(f'{short(sensor.name)} (p {sensor.pvalue:.2g})')

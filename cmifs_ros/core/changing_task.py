@@ -71,7 +71,10 @@ def num_outdated(
         level=_LEVEL,
         ordered=False,
     )
-    pvalues = test([(num_channels + i,) for i in range(len(moments))], timeless)
+    pvalues = [
+        p['return']
+        for p in test.pvalues([(num_channels + i,) for i in range(len(moments))], timeless)
+    ]
     clearest = int(np.argmin(pvalues))
     is_change = pvalues[clearest] * len(moments) <= _LEVEL
     return int(moments[clearest]) if is_change else 0

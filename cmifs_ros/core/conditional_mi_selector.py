@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import warnings
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import replace
 from numbers import Real
 from typing import Any
 
@@ -10,16 +12,20 @@ import numpy as np
 
 from .blas_threads import one_blas_thread
 from .conditional_mi import ConditionalMI
+from .data_checks import problem_of_skill, problems_of_data
+from .effect import Effect
 from .episode import unique_episodes
-from .evidence import ConditionalTest
 from .lsmi import Lsmi
-from .samples import Samples, collect_samples, split_by_step
-from .search import Sensor, backward_elimination
+from .permutation import PermutationTest, permutation_test
+from .samples import Samples, collect_samples, normal_scores, split_by_step, standardized
+from .search import Criterion, Sensor, backward_elimination
 from .sensor_selector import Ranking, SensorSelector
 from .shadows import null_scores
-from .statuses import CONFIRMED, REJECTED, TENTATIVE
+from .statuses import DISPENSABLE
 from .stepwise import Finding, StepwiseSelection
+from .targets import ACTION, RETURN, TARGETS, TargetTest
 from .time_bins import MOST_BINS, choose_time_bins
+from .verdicts import Verdict, verdicts
 
 #: Kernel widths of the default; the paper's grid is wider and finer, with the same results.
 WIDTHS = tuple(np.logspace(-1, 1.5, 6))
@@ -30,22 +36,25 @@ _MAX_COMPARED = 10
 
 
 class ConditionalMISelector(SensorSelector):
-    """Select the sensors that the return depends on, also through several time steps.
+    """Select the sensors that the return, the action or a decision depends on.
 
-    A test says which sensors tell something about the return that those selected before do not, and
-    of these the one with the best score is next. In the end each is tested given all the others.
-    Its further attributes are those of `SensorSelector`.
+    A test says which sensors are informative beside those selected before, and of these the one
+    with the best score is next. In the end each is tested given all the others. Its further
+    attributes are those of `SensorSelector`.
 
     Parameters
     ----------
     num_features : int, optional
         How many sensors to select. None takes those that are confirmed, which may be none.
+    target : {'return', 'decision', 'action'}
+        What sensors are selected for; see `targets`. The score is that of the return, or of the
+        action where there is no reward.
     gamma : float
         Discount factor of the return, 0 < gamma <= 1.
     criterion : {'held_out', 'plug_in'}
         See `Lsmi`. 'plug_in' ranks by the score alone, and selects all where no number is given.
     standardize : bool
-        Draw in far values and scale channels and returns over all samples.
+        Take channels and returns by their normal scores over all samples.
     direction : {'forward', 'backward'}
         Forward selection, or backward elimination, whose first sensors are then tested.
     groups : mapping of str to sequence of (str or int), optional
@@ -62,6 +71,8 @@ class ConditionalMISelector(SensorSelector):
         Greatest number of kernel centres in a step; None takes all samples.
     significance : float
         Probability, 0 < significance < 1, that anything is confirmed where nothing matters.
+    margin : float
+        A sensor that adds less than this share of the target's variance is dispensable.
     random_state : int
         Seed. The same seed and data give the same result bit for bit on one machine.
     n_jobs : int
@@ -70,12 +81,21 @@ class ConditionalMISelector(SensorSelector):
     Attributes
     ----------
     pvalues_ : numpy.ndarray, shape (len(ranking_),)
-        Of the hypothesis that a sensor tells nothing beside those selected, corrected for the
+        Of the hypothesis that a sensor is uninformative beside those selected, corrected for the
         number of candidates.
     statuses_ : list of str
-        'confirmed', 'tentative' or 'rejected', for each sensor of the ranking.
+        One of `STATUSES` for each sensor of the ranking.
+    effects_ : list of Effect
+        What each sensor adds to the prediction of the target beside the others selected.
+    why_ : list of str
+        The variable of the target for which the evidence for each sensor is strongest.
+    predicted_share_, predicted_share_of_all_ : float
+        Share of the target's variance that the selected sensors predict in episodes left out, and
+        that all sensors do.
+    warnings_ : list of str
+        What limits what the data show. Each is also given to `warnings.warn`.
     null_scores_ : numpy.ndarray, shape (len(ranking_), 3)
-        5 %, median and 95 % of the scores that sensors which tell nothing have at the same place:
+        5 %, median and 95 % of the scores of uninformative sensors at the same place:
         a prediction from six, each with its trajectories exchanged between the episodes.
     supporting_channels_ : list of tuple of int
         The channels that support each sensor: all of it, or those of many that tell something,
@@ -88,10 +108,8 @@ class ConditionalMISelector(SensorSelector):
 
     Notes
     -----
-    What is confirmed tells something about the return of the policy that collected the episodes.
-    What tells nothing under that policy may matter under another. Episodes
-    are taken to stand in the order in which they came: where the return drifts, what earlier ones
-    foretell is no evidence.
+    What is confirmed is informative under the policy that collected the episodes; what is not may
+    matter under another.
 
     Hachiya & Sugiyama, Feature Selection for Reinforcement Learning: Evaluating Implicit
     State-Reward Dependency via Conditional Mutual Information, 2010.
@@ -102,6 +120,7 @@ class ConditionalMISelector(SensorSelector):
         self,
         num_features: int | None = None,
         *,
+        target: str = RETURN,
         gamma: float = 0.95,
         criterion: str = 'held_out',
         standardize: bool = True,
@@ -111,10 +130,12 @@ class ConditionalMISelector(SensorSelector):
         tuning_window: int = 2,
         num_centers: int | None = 50,
         significance: float = 0.05,
+        margin: float = 0.02,
         random_state: int = 0,
         n_jobs: int = 1,
     ):
         super().__init__(num_features, direction, groups, random_state)
+        self.target = target
         self.gamma = gamma
         self.criterion = criterion
         self.standardize = standardize
@@ -122,6 +143,7 @@ class ConditionalMISelector(SensorSelector):
         self.tuning_window = tuning_window
         self.num_centers = num_centers
         self.significance = significance
+        self.margin = margin
         self.n_jobs = n_jobs
 
     @classmethod
@@ -155,10 +177,46 @@ class ConditionalMISelector(SensorSelector):
         with one_blas_thread():
             return self._criterion(self._samples(episodes), self._bins)(sensors)
 
+    def permutation_test(
+        self, episodes, names: Sequence[str] | None = None, *, n_permutations: int = 99
+    ) -> PermutationTest:
+        """Test whether the return depends on any sensor; see `permutation.permutation_test`."""
+        return permutation_test(self, episodes, names, n_permutations=n_permutations)
+
     @property
     def _bins(self) -> int | None:
         """The number of time bins where the data do not choose it."""
         return MOST_BINS if isinstance(self.max_time_bins, str) else self.max_time_bins
+
+    def fit(
+        self,
+        episodes,
+        names: Sequence[str] | None = None,
+        *,
+        action_names: Sequence[str] | None = None,
+        ordered: bool = True,
+        start: Collection[str] = (),
+        progress: Callable[[float], None] = lambda fraction: None,
+    ) -> ConditionalMISelector:
+        """Rank the sensors and select the best; see `SensorSelector.fit`.
+
+        Parameters
+        ----------
+        episodes, names, start, progress
+            As of `SensorSelector.fit`; arrays may have a third one of actions, (M, N, a).
+        action_names : sequence of str, optional
+            One name for each value of the actions; action0, action1, ... by default.
+        ordered : bool
+            Whether the order of the episodes is that of time. Then slow drift, which any two
+            slow things share, is no evidence. Say False where it means nothing.
+
+        """
+        self._ordered, self._action_names = ordered, action_names
+        try:
+            super().fit(episodes, names, start=start, progress=progress)
+        finally:
+            del self._ordered, self._action_names
+        return self
 
     def _rank(self, episodes, names, sensors):
         self._check_parameters()
@@ -166,6 +224,8 @@ class ConditionalMISelector(SensorSelector):
             return self._ranked(episodes, names, sensors)
 
     def _ranked(self, episodes, names, sensors):
+        self.warnings_: list[str] = []
+        self.predicted_share_ = self.predicted_share_of_all_ = 0.0
         num_episodes = len(episodes)
         episodes = unique_episodes(episodes)
         self.num_duplicates_ = num_episodes - len(episodes)
@@ -175,8 +235,9 @@ class ConditionalMISelector(SensorSelector):
             )
         samples = self._samples(episodes)
         if self.criterion == 'plug_in':
-            self._keep_evidence([], np.empty((0, 3)))
+            self._keep_evidence([], [], np.empty((0, 3)))
             return self._rank_by_score(self._criterion(samples, self._bins), sensors)
+        self._warn_of(problems_of_data(episodes, self.gamma, ordered=self._ordered))
         varying = np.ptp(samples.states, axis=0) > 0
         live = [i for i, sensor in enumerate(sensors) if varying[list(sensor)].any()]
         dead = [i for i in range(len(sensors)) if i not in live]
@@ -187,9 +248,23 @@ class ConditionalMISelector(SensorSelector):
             )
         living = [tuple(c for c in sensors[i] if varying[c]) for i in live]
         start = [i for i, sensor in enumerate(live) if sensor in self._start]
-        findings, null, num_selected = [], np.empty((0, 3)), 0
+        findings: list[Finding] = []
+        found: list[Verdict] = []
+        null, num_selected = np.empty((0, 3)), 0
         if living:
-            findings, null, num_selected = self._search(samples, living, start)
+            test = self._test(samples, names)
+            findings, null, num_selected = self._search(samples, test, living, start)
+            found = verdicts(
+                test,
+                living,
+                findings,
+                num_selected,
+                significance=self.significance,
+                margin=self.margin,
+            )
+            selected = [c for f in findings[:num_selected] for c in f.channels]
+            self.predicted_share_ = test.predicted_share(selected)
+            self.predicted_share_of_all_ = test.predicted_share([c for s in living for c in s])
         findings = [
             f._replace(
                 sensor=live[f.sensor], redundant_with=tuple(live[i] for i in f.redundant_with)
@@ -199,13 +274,39 @@ class ConditionalMISelector(SensorSelector):
         if self.num_features is None and dead:
             score = findings[num_selected - 1].score if num_selected else 0.0
             findings += [Finding(i, (), score) for i in dead]
+            found += [Verdict(DISPENSABLE, Effect(0.0, 0.0), '')] * len(dead)
             null = np.vstack([null, np.full((len(dead), 3), score)])
-        self._keep_evidence(findings, null)
+        self._keep_evidence(findings, found, null)
         return Ranking([f.sensor for f in findings], [f.score for f in findings], num_selected)
 
-    def _search(self, samples: Samples, living: list[Sensor], start: list[int]):
-        """Return the findings, the scores of what tells nothing, and how many are selected."""
-        test = ConditionalTest(samples, self.gamma, self.random_state, level=self.significance)
+    def _test(self, samples: Samples, names: Sequence[str]) -> TargetTest:
+        num_actions = samples.actions.shape[1]
+        action_names = self._action_names or [f'action{i}' for i in range(num_actions)]
+        if len(action_names) != num_actions:
+            raise ValueError(
+                f'there are {len(action_names)} action_names; expected {num_actions}, '
+                'one for each value of an action'
+            )
+        if self.target == ACTION and not num_actions:
+            raise ValueError("target is 'action', but the episodes have no actions")
+        test = TargetTest(
+            samples,
+            self.target,
+            names,
+            action_names,
+            self.gamma,
+            random_state=self.random_state,
+            level=self.significance,
+            ordered=self._ordered,
+            n_jobs=self.n_jobs,
+        )
+        if num_actions and self.target == RETURN:
+            acting = TargetTest(samples, ACTION, names, action_names, self.gamma)
+            self._warn_of([problem_of_skill(acting.predicted_share, samples.states.shape[1])])
+        return test
+
+    def _search(self, samples: Samples, test, living: list[Sensor], start: list[int]):
+        """Return the findings, the scores of uninformative sensors, and how many are selected."""
         units = [(channel,) for sensor in living for channel in sensor]
         likely = np.argsort(test(units, []), kind='stable')[:_MAX_COMPARED]
         bins, criterion = self._choose_bins(samples, [units[i] for i in likely])
@@ -238,12 +339,18 @@ class ConditionalMISelector(SensorSelector):
         )
         return [*found, *search.with_redundant(confirmed, others)], null, num_selected
 
-    def _keep_evidence(self, findings: list[Finding], null: np.ndarray) -> None:
+    def _warn_of(self, problems: Sequence[str]) -> None:
+        for problem in filter(None, problems):
+            self.warnings_.append(problem)
+            warnings.warn(problem, stacklevel=7)
+
+    def _keep_evidence(
+        self, findings: list[Finding], found: Sequence[Verdict], null: np.ndarray
+    ) -> None:
         self.pvalues_ = np.array([finding.pvalue for finding in findings])
-        self.statuses_ = [
-            CONFIRMED if p <= self.significance else (REJECTED if p >= 1 else TENTATIVE)
-            for p in self.pvalues_
-        ]
+        self.statuses_ = [verdict.status for verdict in found]
+        self.effects_ = [verdict.effect for verdict in found]
+        self.why_ = [verdict.why for verdict in found]
         self.null_scores_ = null
         self.supporting_channels_ = [finding.channels for finding in findings]
         self.redundant_with_ = [finding.redundant_with for finding in findings]
@@ -260,7 +367,7 @@ class ConditionalMISelector(SensorSelector):
         return self.max_time_bins, self._criterion(samples, self.max_time_bins)
 
     def _check_parameters(self):
-        for name in ('gamma', 'tuning_window', 'num_centers', 'significance', 'n_jobs'):
+        for name in ('gamma', 'tuning_window', 'num_centers', 'significance', 'margin', 'n_jobs'):
             value = getattr(self, name)
             if not isinstance(value, Real) and not (value is None and name == 'num_centers'):
                 raise ValueError(f'{name} is {value!r}; expected a number')
@@ -271,6 +378,10 @@ class ConditionalMISelector(SensorSelector):
             )
         if self.tuning_window < 0:
             raise ValueError(f'tuning_window is {self.tuning_window}; expected at least 0')
+        if self.target not in TARGETS:
+            raise ValueError(f'target is {self.target!r}; expected one of {", ".join(TARGETS)}')
+        if not 0 < self.margin < 1:
+            raise ValueError(f'margin is {self.margin}; expected 0 < margin < 1')
         if not 0 < self.significance < 1:
             raise ValueError(f'significance is {self.significance}; expected 0 < significance < 1')
         if self.n_jobs < 1:
@@ -279,16 +390,25 @@ class ConditionalMISelector(SensorSelector):
     def _samples(self, episodes) -> Samples:
         return collect_samples(episodes, gamma=self.gamma, standardize=self.standardize)
 
-    def _criterion(self, samples: Samples, bins: int | None) -> ConditionalMI:
+    def _criterion(self, samples: Samples, bins: int | None) -> Criterion:
         is_default = self.criterion == 'held_out'
         widths: dict[str, Any] = {'widths': WIDTHS} if is_default else {}
         estimator = Lsmi(criterion=self.criterion, num_centers=self.num_centers, **widths)
+        actions = samples.actions
+        if self.target == ACTION:
+            samples, actions = replace(samples, returns=actions[:, 0]), actions[:, :0]
+        if self.standardize:
+            samples = replace(samples, returns=standardized(normal_scores(samples.returns)))
+        given = samples.states.shape[1] + np.arange(actions.shape[1])
         steps = split_by_step(
-            samples,
+            samples.with_channels(actions),
             max_time_bins=bins,
             num_folds=estimator.num_folds,
             num_centers=self.num_centers,
             random_state=self.random_state,
             max_samples=_MAX_SAMPLES if is_default else None,
         )
-        return ConditionalMI(steps, estimator, tuning_window=self.tuning_window, n_jobs=self.n_jobs)
+        score = ConditionalMI(
+            steps, estimator, tuning_window=self.tuning_window, n_jobs=self.n_jobs
+        )
+        return lambda subsets: score([[*subset, *given] for subset in subsets])

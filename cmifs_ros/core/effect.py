@@ -8,7 +8,6 @@ import numpy as np
 from scipy import special
 
 from .kernel_regression import corrected_residual, residual
-from .products import sums_of_products
 
 #: Directions of functions that vary less, as a share of the greatest, are left out: they add noise.
 _LEAST_VARIANCE = 1e-2
@@ -24,10 +23,14 @@ class Effect(NamedTuple):
     error: float
 
     @property
-    def interval(self) -> tuple[float, float]:
-        """The 95 % confidence interval."""
-        reach = special.ndtri(0.975) * self.error
-        return self.share - reach, self.share + reach
+    def low(self) -> float:
+        """Lower end of the 95 % confidence interval."""
+        return self.share + special.ndtri(0.025) * self.error
+
+    @property
+    def high(self) -> float:
+        """Upper end of the 95 % confidence interval."""
+        return self.share + special.ndtri(0.975) * self.error
 
     @property
     def upper_bound(self) -> float:
@@ -63,6 +66,10 @@ class EffectEstimator:
         nothing (a U-statistic, Hoeffding 1948). Its variance is that of the episodes' influence
         on the share, and that which remains where the share is 0.
         """
+        from .episode_sums import sums_of_products
+
+        if not functions.size:
+            return Effect(0.0, 0.0)
         functions = residual(functions, self._basis)
         variances, axes = np.linalg.eigh(functions.T @ functions / len(functions))
         kept = variances > _LEAST_VARIANCE * variances[-1]
@@ -78,3 +85,20 @@ class EffectEstimator:
         gram, own = parts.T @ parts, (parts * parts).sum(axis=1)
         at_zero = 2 * ((gram * gram).sum() - own @ own)
         return Effect(float(share), float(np.sqrt(max(at_zero, 0.0) + influence @ influence)))
+
+    def pair_bounds(self, own: np.ndarray) -> np.ndarray:
+        """Return what products of two columns (N, k) do not exceed, with 95 % confidence: (k, k).
+
+        Each pair by itself, as in `Effect.upper_bound`.
+        """
+        num_columns, weighted = own.shape[1], own * self._errors
+        total, squares, fourth = (np.zeros((num_columns, num_columns)) for _ in range(3))
+        for rows in np.split(np.arange(len(own)), self._starts[1:]):
+            part = own[rows].T @ weighted[rows] / len(own)
+            total += part
+            squares += part**2
+            fourth += part**4
+        variances = np.maximum((own**2).T @ own**2 / len(own), np.finfo(float).tiny)
+        shares = (total**2 - squares) / variances
+        errors = np.sqrt(np.maximum(2 * (squares**2 - fourth), 0)) / variances
+        return shares + special.ndtri(0.95) * errors

@@ -16,8 +16,9 @@ class Episode:
     ----------
     states : array_like, shape (T, v)
         The v channel values before each of the T steps.
-    rewards : array_like, shape (T,)
-        ``rewards[t]`` is the reward of the step taken from ``states[t]``.
+    rewards : array_like, shape (T,), or None
+        ``rewards[t]`` is the reward of the step taken from ``states[t]``; None, as for a
+        demonstration without rewards, sets all to 0.
     actions : array_like, shape (T, a), optional
         ``actions[t]`` is the action taken at ``states[t]``; one column where the shape is (T,).
     source : str
@@ -37,9 +38,10 @@ class Episode:
 
     def __post_init__(self):
         states = np.array(self.states, dtype=np.float64)
-        rewards = np.array(self.rewards, dtype=np.float64)
-        actions = np.array(np.empty((len(rewards), 0)) if self.actions is None else self.actions)
-        actions = actions.astype(np.float64)
+        rewards = np.zeros(states.shape[:1]) if self.rewards is None else self.rewards
+        rewards = np.array(rewards, dtype=np.float64)
+        actions = np.empty((len(states), 0)) if self.actions is None else self.actions
+        actions = np.array(actions, dtype=np.float64)
         if actions.ndim == 1:
             actions = actions[:, None]
         if states.ndim != 2 or 0 in states.shape:
@@ -84,13 +86,13 @@ class Episode:
         return self.states.nbytes + self.rewards.nbytes + self.actions.nbytes
 
 
-def as_episodes(data: Iterable[Episode] | tuple[np.ndarray, np.ndarray]) -> list[Episode]:
-    """Return a list of episodes with the same channels.
+def as_episodes(data: Iterable[Episode] | tuple[np.ndarray, ...]) -> list[Episode]:
+    """Return a list of episodes with the same channels and actions.
 
     Parameters
     ----------
-    data : iterable of Episode, or a pair of arrays of shapes (M, N, v) and (M, N)
-        The pair holds the states and the rewards of M episodes of N steps. NaN and masked states
+    data : iterable of Episode, or arrays of shapes (M, N, v), (M, N) and, optionally, (M, N, a)
+        States, rewards and actions of M episodes of N steps. NaN and masked states
         are gaps. A gap is filled with the previous value in its episode, else with the next one,
         else with the channel's median. Infinite values mean out of range (REP 117); they become
         the channel's greatest or least finite value.
@@ -102,15 +104,16 @@ def as_episodes(data: Iterable[Episode] | tuple[np.ndarray, np.ndarray]) -> list
         no finite value.
 
     """
-    if isinstance(data, tuple) and len(data) == 2 and not isinstance(data[0], Episode):
-        states, rewards = (np.ma.filled(np.ma.asarray(part, dtype=float), np.nan) for part in data)
-        if states.ndim != 3 or rewards.shape != states.shape[:2]:
+    if isinstance(data, tuple) and len(data) in (2, 3) and not isinstance(data[0], Episode):
+        parts = [np.ma.filled(np.ma.asarray(part, dtype=float), np.nan) for part in data]
+        states, shape = parts[0], parts[0].shape[:2]
+        if states.ndim != 3 or parts[1].shape != shape or parts[-1].shape[:2] != shape:
             raise ValueError(
-                f'the pair of arrays has shapes {states.shape} and {rewards.shape}; '
-                'expected (episodes, steps, channels) and (episodes, steps)'
+                f'the arrays have shapes {", ".join(str(part.shape) for part in parts)}; expected '
+                '(episodes, steps, channels), (episodes, steps) and, if there are actions, '
+                '(episodes, steps, actions)'
             )
-        states = _bridged(states)
-        episodes = [Episode(s, r) for s, r in zip(states, rewards, strict=True)]
+        episodes = [Episode(*of_one) for of_one in zip(_bridged(states), *parts[1:], strict=True)]
     else:
         episodes = list(data)
         for i, episode in enumerate(episodes):
@@ -123,6 +126,11 @@ def as_episodes(data: Iterable[Episode] | tuple[np.ndarray, np.ndarray]) -> list
             raise ValueError(
                 f'episode {i} has {episode.num_channels} channels; '
                 f'expected {episodes[0].num_channels} as in episode 0'
+            )
+        if episode.actions.shape[1] != episodes[0].actions.shape[1]:
+            raise ValueError(
+                f'episode {i} has actions of {episode.actions.shape[1]} values; '
+                f'expected {episodes[0].actions.shape[1]} as in episode 0'
             )
     return episodes
 

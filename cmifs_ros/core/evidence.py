@@ -40,6 +40,8 @@ from .samples import Samples, normal_scores, standardized
 _NUM_CENTERS, _NUM_FUNCTIONS = 50, 60
 #: lambda of the TD residual.
 _LAMBDAS = (0.6, 1.0)
+#: A candidate of more channels is reduced to as many principal components.
+_MAX_COMPONENTS = 12
 #: Share of its variance that a channel must have for itself.
 _LEAST_OWN_SHARE = 1e-3
 
@@ -105,30 +107,52 @@ class ConditionalTest:
         self, candidates: Sequence[Sequence[int]], given: Sequence[int]
     ) -> list[dict[str, Effect]]:
         """Return what each candidate, some channels, adds to each variable of the target."""
-        columns, given = self._columns(given), _Given(self._rows, given)
+        estimators, context = self._estimators(given)
+
+        def of_candidate(families):
+            functions = np.hstack(families) if families else np.empty((0, 0))
+            return {name: estimator.effect(functions) for name, estimator in estimators.items()}
+
+        return self._for_each(of_candidate, candidates, context)
+
+    def pair_bounds(self, channels: Sequence[int], given: Sequence[int]) -> np.ndarray:
+        """Return what pairs of channels may add as products, at most: shape (k, k).
+
+        With 95 % confidence for each pair, to the variable of the target to which it may be most.
+        """
+        estimators, context = self._estimators(given)
+        own = np.hstack(context.own([[c] for c in channels], least=0.0))
+        bounds = [estimator.pair_bounds(own) for estimator in estimators.values()]
+        return np.max([np.zeros((len(channels), len(channels))), *bounds], axis=0)
+
+    def predicted_share(self, given: Sequence[int]) -> float:
+        """Return the share of the target's variance predicted in episodes left out.
+
+        The mean over the variables of the target.
+        """
+        columns, context = self._columns(given), _Given(self._rows, given)
+        return context.regression.predicted_share(standardized(self._targets[:, columns]))
+
+    def _estimators(self, given) -> tuple[dict[str, EffectEstimator], _Given]:
+        columns, context = self._columns(given), _Given(self._rows, given)
         targets = standardized(self._targets[:, columns])
-        spaces = given.regression.tuned(targets)
+        spaces = context.regression.tuned(targets) if columns else []
         estimators = {
             self._names[c]: EffectEstimator(
-                target, given.regression.basis(space), self._rows.starts
+                target, context.regression.basis(space), self._rows.starts
             )
             for c, target, space in zip(columns, targets.T, spaces, strict=True)
         }
-
-        def of_candidate(families):
-            functions = np.hstack(families) if families else np.empty((len(targets), 0))
-            return {name: estimator.effect(functions) for name, estimator in estimators.items()}
-
-        return self._for_each(of_candidate, candidates, given)
+        return estimators, context
 
     def _test(self, candidates, given) -> list[dict[str, float]]:
         columns = self._columns(given)
         names = [self._names[c] for c in columns]
         if not columns:
             return [{}] * len(candidates)
-        given = _Given(self._rows, given)
-        left = self._residuals(given.regression, self._targets[:, columns])
-        basis = given.regression.basis(given.regression.jointly_tuned(left))
+        context = _Given(self._rows, given)
+        left = self._residuals(context.regression, self._targets[:, columns])
+        basis = context.regression.basis(context.regression.jointly_tuned(left))
         basis = self._with_drift(basis, left)
         products = Products(
             residual(left, basis), basis, self._rows.starts, self._rows.shifts, self._level
@@ -139,15 +163,15 @@ class ConditionalTest:
             pvalues = products.pvalues(families, variables) if families else [1.0] * len(names)
             return dict(zip(names, pvalues, strict=True))
 
-        return self._for_each(of_candidate, candidates, given)
+        return self._for_each(of_candidate, candidates, context)
 
-    def _for_each(self, of_candidate: Callable, candidates, given: _Given) -> list:
+    def _for_each(self, of_candidate: Callable, candidates, context: _Given) -> list:
         """Return what a function gives for the functions of each candidate."""
-        own = given.own(candidates)
+        own = context.own(candidates)
         if self._n_jobs == 1:
-            return [of_candidate(given.functions(o)) for o in own]
+            return [of_candidate(context.functions(o)) for o in own]
         with ThreadPoolExecutor(self._n_jobs) as threads:
-            return list(threads.map(lambda o: of_candidate(given.functions(o)), own))
+            return list(threads.map(lambda o: of_candidate(context.functions(o)), own))
 
     def _columns(self, given) -> list[int]:
         """Return the variables of the target that vary, of those that count given some channels."""
@@ -197,8 +221,13 @@ class _Given:
         )
         self._bumps = self._gaussians(self._points)
 
-    def own(self, candidates: Sequence[Sequence[int]]) -> list[np.ndarray]:
-        """Return what the given do not explain of each candidate's channels, shapes (N, k)."""
+    def own(
+        self, candidates: Sequence[Sequence[int]], least: float = _LEAST_OWN_SHARE
+    ) -> list[np.ndarray]:
+        """Return what the given do not explain of each candidate's channels, shapes (N, k).
+
+        Channels of which that is less than a share are left out.
+        """
         channels = list(dict.fromkeys(c for candidate in candidates for c in candidate))
         spaces = self.regression.tuned(self._states[:, channels])
         bases = {space: self.regression.basis(space) for space in set(spaces)}
@@ -207,7 +236,7 @@ class _Given:
             for c, space in zip(channels, spaces, strict=True)
         }
         own = [np.hstack([left[c] for c in candidate]) for candidate in candidates]
-        return [o[:, o.var(axis=0) > _LEAST_OWN_SHARE] for o in own]
+        return [o[:, o.var(axis=0) >= least] for o in own]
 
     def functions(self, own: np.ndarray) -> list[np.ndarray]:
         """Return two families of functions of what a candidate has for itself: shapes (N, k).
@@ -217,7 +246,7 @@ class _Given:
         """
         if not own.size:
             return []
-        own = own / own.std(axis=0)
+        own = _principal(own / own.std(axis=0))
         squares = np.hstack([own[:, [i]] * own[:, i:] for i in range(own.shape[1])])
         with_given = [own[:, [i]] * self._points for i in range(own.shape[1])]
         bumps = self._gaussians(own)
@@ -230,3 +259,11 @@ class _Given:
     def _gaussians(self, points):
         distances = squared_distances(points, points[self._functions])
         return np.exp(distances / (-2 * points.shape[1]))
+
+
+def _principal(own: np.ndarray) -> np.ndarray:
+    """Return columns (N, k), or their first principal components where they are many."""
+    if own.shape[1] <= _MAX_COMPONENTS:
+        return own
+    variances, axes = np.linalg.eigh(own.T @ own / len(own))
+    return own @ (axes / np.sqrt(np.maximum(variances, _LEAST_OWN_SHARE)))[:, -_MAX_COMPONENTS:]

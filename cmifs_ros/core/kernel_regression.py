@@ -17,7 +17,7 @@ import numpy as np
 _WIDTHS = (0.3, 0.6, 1.2, 2.4, 5.0)
 _RANKS = np.array([0, 1, 2, 3, 4, 6, 8, 11, 16, 23, 32, 45, 64, 90])
 #: Directions of less variance, as a share of the greatest, are rounding errors.
-_LEAST_VARIANCE = 1e-7
+_LEAST_VARIANCE = 1e-10
 #: What a single episode decides has no fit to the others: least share that is left to these.
 _LEAST_LEFT = 1e-4
 
@@ -88,6 +88,13 @@ class KernelRegression:
         """Return the space that is best for all targets (N, k) together."""
         spread = np.maximum(targets.var(axis=0), np.finfo(float).tiny)
         return self._best((self._errors(targets) / spread).sum(axis=2))
+
+    def predicted_share(self, targets: np.ndarray) -> float:
+        """Return the share of the variance of targets (N, k) that folds left out show, at most."""
+        if not targets.size:
+            return 0.0
+        least = self._errors(targets).min(axis=(0, 1))
+        return float(np.mean(1 - least / (len(targets) * targets.var(axis=0))))
 
     def basis(self, space: Space) -> np.ndarray:
         """Return orthonormal columns (N, p + rank) that span a space."""

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from .conditional_mi_selector import ConditionalMISelector
 from .episode import Episode, as_episodes
 from .shadows import exchange
+
+if TYPE_CHECKING:
+    from .conditional_mi_selector import ConditionalMISelector
 
 
 class PermutationTest(NamedTuple):

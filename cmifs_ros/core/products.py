@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from .chance import combined_pvalue, resampled_pvalues, sign_flip_pvalue
 from .kernel_regression import corrected_residual
@@ -59,6 +58,9 @@ class Products:
         self._errors = corrected_residual(left, basis, starts) * weights
         self._basis = basis
         self._in_basis = basis.T @ self._left
+        from .episode_sums import sums_of_products
+
+        self._sums_of_products = sums_of_products
         self._basis_products = sums_of_products(basis, self._errors, starts)
         self._starts, self._shifts, self._level = starts, shifts, level
 
@@ -97,7 +99,7 @@ class Products:
         kept = variances > 1e-9 * variances[-1]
         variances, axes = variances[kept], axes[:, kept]
         weights = 1 / (variances[:, None] + variances[-1] * _WHITENINGS)
-        products = sums_of_products(functions, self._errors, self._starts)
+        products = self._sums_of_products(functions, self._errors, self._starts)
         products = (products - self._basis_products @ coefficients) @ axes
         total = (self._left.T @ functions - self._in_basis.T @ coefficients) @ axes
         return _Whitened(functions, coefficients, axes, weights, products, total**2 @ weights)
@@ -110,18 +112,3 @@ class Products:
                 drawn = (self._errors[:, column][self._shifts] @ functions) ** 2 @ w.weights
                 pvalues += resampled_pvalues(w.statistics[column], drawn)
         return combined_pvalue(pvalues)
-
-
-@njit(cache=True, nogil=True, fastmath={'contract', 'reassoc', 'nsz', 'arcp'})
-def sums_of_products(functions, residuals, starts):
-    """Return the sums over each episode of residuals (N, q) times functions (N, k): (M, q, k)."""
-    sums = np.zeros((len(starts), residuals.shape[1], functions.shape[1]))
-    episode = -1
-    for row in range(len(functions)):
-        if episode + 1 < len(starts) and starts[episode + 1] == row:
-            episode += 1
-        for q in range(residuals.shape[1]):
-            value = residuals[row, q]
-            for k in range(functions.shape[1]):
-                sums[episode, q, k] += value * functions[row, k]
-    return sums

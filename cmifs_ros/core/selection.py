@@ -3,28 +3,23 @@
 from __future__ import annotations
 
 import time
+import warnings
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
 
 from .changing_task import num_outdated
 from .conditional_mi_selector import ConditionalMISelector
+from .effect import Effect
 from .episode import Episode
 from .kdr_selector import KDRSelector
 from .sensor_selector import SensorSelector
-from .statuses import CONFIRMED, REJECTED
+from .statuses import CONFIRMED
+from .targets import RETURN
 
 METHODS = {'conditional_mi': ConditionalMISelector, 'kdr': KDRSelector}
-
-
-class Effect(NamedTuple):
-    """Share of the target's variance that a sensor adds, and its 95 % confidence interval."""
-
-    share: float
-    low: float
-    high: float
 
 
 @dataclass(frozen=True)
@@ -98,6 +93,13 @@ class Selection:
         How many of the oldest episodes no longer fit the newest, and were left out.
     number : int
         Tells apart the selections that a node puts to use, and grows; 0 if it is not in use.
+    target : str
+        What the sensors were selected for; see `targets`.
+    predicted_share, predicted_share_of_all : float or None
+        Share of the target's variance that the selected sensors predict in episodes left out, and
+        that all sensors do.
+    warnings : tuple of str
+        What limits what the data show.
 
     """
 
@@ -110,6 +112,10 @@ class Selection:
     spreads: tuple[float, ...] = ()
     outdated: int = 0
     number: int = 0
+    target: str = RETURN
+    predicted_share: float | None = None
+    predicted_share_of_all: float | None = None
+    warnings: tuple[str, ...] = ()
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -143,6 +149,8 @@ def select(
     method: str,
     settings: dict,
     *,
+    action_names: Sequence[str] | None = None,
+    ordered: bool = True,
     start: Collection[str] = (),
     num_halves: int = 0,
     least_kept: int | None = None,
@@ -158,6 +166,10 @@ def select(
         One of `METHODS`.
     settings : dict
         Parameters of the selector.
+    action_names, ordered
+        As of `ConditionalMISelector.fit`, for the method that has them.
+    action_names, ordered
+        As of `ConditionalMISelector.fit`; KDR has no use for them.
     start : collection of str
         Sensors of an earlier selection.
     num_halves : int
@@ -170,26 +182,29 @@ def select(
 
     """
     begin = time.perf_counter()
+    options: dict[str, Any] = {'names': channel_names}
+    if method == 'conditional_mi':
+        options |= {'action_names': action_names, 'ordered': ordered}
     selector = METHODS[method](**settings)
-    selector.fit(episodes, names=channel_names, start=start, progress=progress)
+    _fit(selector, episodes, start=start, progress=progress, **options)
     outdated = 0
     if least_kept is not None and _has_test(selector):
-        pairs = zip(selector.supporting_channels_, selector.statuses_, strict=True)
+        pairs = zip(selector.supporting_channels_, selector.pvalues_, strict=True)
         outdated = num_outdated(
             episodes,
-            [channel for channels, status in pairs if status != REJECTED for channel in channels],
+            [channel for channels, pvalue in pairs if pvalue < 1 for channel in channels],
             least_kept=least_kept,
             gamma=selector.gamma,
             random_state=selector.random_state,
         )
     if outdated:
         episodes = episodes[outdated:]
-        selector.fit(episodes, names=channel_names, start=start, progress=progress)
+        _fit(selector, episodes, start=start, progress=progress, **options)
     progress(1.0)
     samples = np.concatenate([np.column_stack([e.states, e.rewards]) for e in episodes])
     with np.errstate(over='ignore', invalid='ignore'):  # Huge values: their spread is inf.
         means, spreads = samples.mean(axis=0), samples.std(axis=0)
-    stability = _stability(selector, episodes, channel_names, num_halves)
+    stability = _stability(selector, episodes, options, num_halves)
     return Selection(
         indices=tuple(selector.get_support(indices=True).tolist()),
         sensors=_results(selector, stability),
@@ -199,7 +214,18 @@ def select(
         means=tuple(means.tolist()),
         spreads=tuple(spreads.tolist()),
         outdated=outdated,
+        target=selector.target if method == 'conditional_mi' else RETURN,
+        predicted_share=getattr(selector, 'predicted_share_', None),
+        predicted_share_of_all=getattr(selector, 'predicted_share_of_all_', None),
+        warnings=tuple(getattr(selector, 'warnings_', ())),
     )
+
+
+def _fit(selector: SensorSelector, episodes: Sequence[Episode], **options) -> None:
+    """Fit without Python's warnings: they stand in the selection."""
+    with warnings.catch_warnings():
+        warnings.simplefilter('ignore', UserWarning)
+        selector.fit(episodes, **options)
 
 
 def _has_test(selector: SensorSelector) -> bool:
@@ -233,12 +259,14 @@ def _with_evidence(selector, place: int, sensor: SensorResult) -> SensorResult:
         null_band=tuple(selector.null_scores_[place].tolist()) if supporting else None,
         pvalue=float(selector.pvalues_[place]),
         status=selector.statuses_[place],
+        effect=selector.effects_[place],
+        why=selector.why_[place],
         supporting_channels=tuple(selector.feature_names_in_[channel] for channel in supporting),
         redundant_with=tuple(selector.sensor_names_[i] for i in selector.redundant_with_[place]),
     )
 
 
-def _stability(selector, episodes, channel_names, num_halves: int) -> np.ndarray | None:
+def _stability(selector, episodes, options: dict, num_halves: int) -> np.ndarray | None:
     """Return the share of random halves of the episodes in which each sensor is selected: (S,).
 
     Meinshausen & Buehlmann, Stability selection, 2010.
@@ -250,6 +278,6 @@ def _stability(selector, episodes, channel_names, num_halves: int) -> np.ndarray
     for _ in range(num_halves):
         half = np.sort(rng.permutation(len(episodes))[: -(-len(episodes) // 2)])
         again = type(selector)(**selector.get_params())
-        again.fit([episodes[i] for i in half], names=channel_names)
+        _fit(again, [episodes[i] for i in half], **options)
         counts[again.ranking_[: again.num_features_]] += 1
     return counts / num_halves

@@ -85,8 +85,19 @@ class TargetTest:
 
     def effects(self, candidates: Sequence[Sequence[int]], given: Sequence[int]) -> list[Effect]:
         """Return what each candidate adds, to the variable for which it may be most."""
-        of_candidates = self._of_all('effects', candidates, given)
-        return [max(of.values(), key=lambda effect: effect.upper_bound) for of in of_candidates]
+        none = Effect(0.0, 0.0)
+        return [
+            max(of.values(), key=lambda effect: effect.upper_bound, default=none)
+            for of in self._of_all('effects', candidates, given)
+        ]
+
+    def pair_bounds(self, channels: Sequence[int], given: Sequence[int]) -> np.ndarray:
+        """Return what pairs of channels may add as products, at most: shape (k, k)."""
+        return np.max([test.pair_bounds(channels, given) for test in self._tests], axis=0)
+
+    def predicted_share(self, given: Sequence[int]) -> float:
+        """Return the share of the variance of return, reward or actions that channels predict."""
+        return self._tests[0].predicted_share(given)
 
     def _of_all(self, what: str, candidates, given) -> list[dict]:
         """Return what the tests say of each candidate, for all variables by their names."""

@@ -8,12 +8,12 @@ from typing import NamedTuple
 import numpy as np
 
 from cmifs_ros.core.selection import Selection
-from cmifs_ros.core.statuses import CONFIRMED, REJECTED, TENTATIVE
+from cmifs_ros.core.statuses import CONFIRMED, DISPENSABLE, UNDECIDED
 from cmifs_ros.core.words import listed
 
 #: Sensors of the ranking, and channels beside the selected, that a picture can show legibly.
 MAX_SHOWN = 40
-STATUS_COLORS = {CONFIRMED: '#1a7f37', TENTATIVE: '#9a6700', REJECTED: '#6e7781'}
+STATUS_COLORS = {CONFIRMED: '#1a7f37', UNDECIDED: '#9a6700', DISPENSABLE: '#6e7781'}
 PLAIN_COLOR = '#0969da'
 #: Beside which others a sensor is scored.
 _TAKEN, _OTHERS = 'selected: each with those before it', 'others: each with the selected alone'

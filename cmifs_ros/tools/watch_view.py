@@ -13,12 +13,12 @@ from rich.text import Text
 
 from cmifs_ros.collect.selection_report import redundancies
 from cmifs_ros.core.selection import Selection
-from cmifs_ros.core.statuses import CONFIRMED, REJECTED, TENTATIVE
+from cmifs_ros.core.statuses import CONFIRMED, DISPENSABLE, UNDECIDED
 from cmifs_ros.core.words import counted
 
 #: By level of diagnostic_msgs/DiagnosticStatus: word and style. The word tells without colour.
 LEVELS = (('ok', 'green'), ('warn', 'yellow'), ('error', 'bold red'), ('stale', 'magenta'))
-_STATUS_STYLES = {CONFIRMED: 'green', TENTATIVE: 'yellow', REJECTED: 'dim'}
+_STATUS_STYLES = {CONFIRMED: 'green', UNDECIDED: 'yellow', DISPENSABLE: 'dim'}
 #: Seconds without diagnostics, which come once a second, after which the selector seems gone.
 GONE_AFTER = 5.0
 _BAR_WIDTH = 16

@@ -48,7 +48,7 @@ def test_pair_of_arrays_is_a_list_of_episodes():
         ([], 'there are 0 episodes'),
         ([episode(channels=2), episode(channels=3)], 'episode 1 has 3 channels; expected 2'),
         ([np.zeros((3, 2))], 'episode 0 is a ndarray'),
-        ((np.zeros((2, 3, 4)), np.zeros((2, 4))), r'\(2, 3, 4\) and \(2, 4\)'),
+        ((np.zeros((2, 3, 4)), np.zeros((2, 4))), r'\(2, 3, 4\), \(2, 4\)'),
     ],
 )
 def test_bad_episodes_are_refused_by_name(data, message):

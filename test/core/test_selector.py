@@ -117,14 +117,14 @@ def test_what_never_changes_is_not_selected_whatever_number_is_asked(rewards):
     selector = ConditionalMISelector().fit((states, rewards))
     assert selector.num_features_ == 0
     assert np.isfinite(selector.scores_).all()
-    assert selector.statuses_[-3:] == ['rejected'] * 3
+    assert selector.statuses_[-3:] == ['dispensable'] * 3
     with pytest.raises(ValueError, match='num_features is 2, but only 1 sensors ever change'):
         ConditionalMISelector(2).fit((states, rewards))
 
 
 def test_of_constants_alone_nothing_is_selected():
     selector = ConditionalMISelector().fit((np.ones((12, 2, 3)), toy(12, 2)[1]))
-    assert selector.statuses_ == ['rejected'] * 3
+    assert selector.statuses_ == ['dispensable'] * 3
     assert selector.transform(np.ones((2, 3))).shape == (2, 0)
 
 

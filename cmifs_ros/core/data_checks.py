@@ -1,0 +1,153 @@
+"""What data cannot show, in sentences with a remedy."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from .drift import share_of_drift
+from .episode import Episode
+from .returns import discounted_returns
+from .words import counted
+
+#: Share of the variance of the episodes' mean returns that is drift, from which on it is told.
+_MUCH_DRIFT = 0.5
+#: Share of the variance of all rewards that a single one makes up, from which on it is told.
+_MUCH_OF_ONE = 0.5
+#: Share of the episodes that are worth independent ones, below which it is told.
+_FEW_INDEPENDENT = 0.5
+#: Steps in a row that are found in two episodes, and their share from which on it is told.
+_RUN, _MUCH_OVERLAP = 3, 0.05
+#: Share of an action's variance that the channels predict, from which on it is told.
+_MUCH_PREDICTED = 0.5
+_MAX_PREDICTORS = 3
+
+
+def independent_episodes(episodes: Sequence[Episode], gamma: float) -> float:
+    """Return how many independent episodes those in a row are worth, by their mean returns.
+
+    The number divided by the integrated autocorrelation time, which is cut where the sum of two
+    neighbouring autocorrelations is negative (Geyer, Practical Markov chain Monte Carlo, 1992).
+    """
+    means = _mean_returns(episodes, gamma)
+    means = means - means.mean()
+    count, variance = len(means), means @ means
+    if variance <= 0:
+        return float(count)
+    padded = np.fft.rfft(means, 2 * count)
+    correlations = np.fft.irfft(padded * padded.conj())[:count] / variance
+    pairs = correlations[: count // 2 * 2].reshape(-1, 2).sum(axis=1)
+    cut = int(np.argmax(pairs <= 0)) if (pairs <= 0).any() else len(pairs)
+    time = max(2 * pairs[:cut].sum() - 1, 1.0)
+    return float(max(count / time, 1.0))
+
+
+def problems_of_data(episodes: Sequence[Episode], gamma: float, *, ordered: bool) -> list[str]:
+    """Return what is wrong with episodes, or limits what they can show.
+
+    Parameters
+    ----------
+    episodes : sequence of Episode
+    gamma : float
+        Discount factor of the return.
+    ordered : bool
+        Whether their order is that of time.
+
+    """
+    problems = _problems_of_rewards(episodes) + _problems_of_overlap(episodes)
+    if ordered:
+        problems += _problems_of_order(episodes, gamma)
+    return problems
+
+
+def problem_of_skill(predicted_share: Callable[[list[int]], float], num_channels: int) -> str:
+    """Return that a few channels predict the action so well that the return shows little.
+
+    Parameters
+    ----------
+    predicted_share : callable
+        Gives the share of the actions' variance that channels predict.
+    num_channels : int
+
+    """
+    chosen: list[int] = []
+    best = 0.0
+    for _ in range(min(_MAX_PREDICTORS, num_channels)):
+        shares = {c: predicted_share([*chosen, c]) for c in range(num_channels) if c not in chosen}
+        channel = max(shares, key=shares.__getitem__)
+        if shares[channel] <= best:
+            break
+        chosen, best = [*chosen, channel], shares[channel]
+        if best >= _MUCH_PREDICTED:
+            return (
+                f'the action follows from the sensors ({best:.0%} of its variance): where a '
+                'controller always acts alike, the return cannot show what its sensors are good '
+                "for; target 'action' finds what the controller looks at"
+            )
+    return ''
+
+
+def _mean_returns(episodes, gamma):
+    return np.array([discounted_returns(e.rewards, gamma).mean() for e in episodes])
+
+
+def _is_autocorrelated(means: np.ndarray) -> bool:
+    """Tell whether neighbours are more alike than two standard errors of white noise."""
+    means = means - means.mean()
+    return means[1:] @ means[:-1] > 2 / np.sqrt(len(means)) * (means @ means)
+
+
+def _problems_of_rewards(episodes) -> list[str]:
+    rewards = np.concatenate([episode.rewards for episode in episodes])
+    squares = (rewards - np.median(rewards)) ** 2
+    greatest = int(squares.argmax())
+    if squares[greatest] <= _MUCH_OF_ONE * squares.sum() or (squares > 0).sum() < 2:
+        return []
+    lengths = np.array([len(episode) for episode in episodes])
+    episode = int(np.searchsorted(np.cumsum(lengths), greatest, side='right'))
+    share = squares[greatest] / squares.sum()
+    return [
+        f'1 reward of {rewards[greatest]:g} in episode {episode} makes up {share:.0%} of the '
+        'variance of the rewards: effect sizes are mostly about it; leave the episode out if it '
+        'is an error'
+    ]
+
+
+def _problems_of_overlap(episodes) -> list[str]:
+    """Tell of runs of steps that are in two episodes; none where no channel is continuous."""
+    steps = [np.column_stack([e.states, e.rewards]) for e in episodes]
+    states = np.concatenate([e.states for e in episodes])
+    if max(len(np.unique(column)) for column in states.T) < len(states) / 4:
+        return []
+    found: dict[bytes, int] = {}
+    total = repeated = 0
+    for number, rows in enumerate(steps):
+        for t in range(len(rows) - _RUN + 1):
+            total += 1
+            repeated += found.setdefault(rows[t : t + _RUN].tobytes(), number) != number
+    if repeated <= _MUCH_OVERLAP * total:
+        return []
+    return [
+        f'{repeated / total:.0%} of the steps are in two episodes, as of windows that overlap or '
+        'of a drive that was recorded twice: they count twice; cut windows that do not overlap'
+    ]
+
+
+def _problems_of_order(episodes, gamma) -> list[str]:
+    count = len(episodes)
+    weights = np.ones(count)
+    drift = share_of_drift(_mean_returns(episodes, gamma), weights)
+    if drift > _MUCH_DRIFT:
+        return [
+            f'the return follows the order of the episodes ({drift:.0%} of its variance between '
+            'episodes is slow drift), and what drifts along with it is no evidence; if the order '
+            'means nothing, as of files sorted by outcome, set ordered=False'
+        ]
+    worth = independent_episodes(episodes, gamma)
+    if worth < _FEW_INDEPENDENT * count and _is_autocorrelated(_mean_returns(episodes, gamma)):
+        return [
+            f'{counted(count, "episode")} resemble their neighbours, and are worth about '
+            f'{worth:.0f} independent ones'
+        ]
+    return []

@@ -1,0 +1,87 @@
+"""What each sensor adds, and whether it is confirmed, dispensable or undecided."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from .effect import Effect
+from .search import Sensor
+from .statuses import CONFIRMED, DISPENSABLE, UNDECIDED
+from .stepwise import Finding
+from .targets import TargetTest
+
+
+class Verdict(NamedTuple):
+    """What is said of a sensor.
+
+    Attributes
+    ----------
+    status : str
+        One of `STATUSES`.
+    effect : Effect
+        What it adds beside the selected sensors.
+    why : str
+        The variable of the target for which the evidence is strongest.
+
+    """
+
+    status: str
+    effect: Effect
+    why: str
+
+
+def verdicts(
+    test: TargetTest,
+    sensors: Sequence[Sensor],
+    findings: Sequence[Finding],
+    num_selected: int,
+    *,
+    significance: float,
+    margin: float,
+) -> list[Verdict]:
+    """Return a verdict on each finding, of which the first are selected.
+
+    A sensor is dispensable if it is not confirmed and adds less than `margin` of the target's
+    variance, with 95 % confidence, and so do its products with other sensors that seem so: two
+    that matter only together are not.
+    """
+    selected = list(findings[:num_selected])
+    given = [c for finding in selected for c in finding.channels]
+    found = []
+    for finding in selected:
+        others = [c for other in selected if other is not finding for c in other.channels]
+        (effect,) = test.effects([sensors[finding.sensor]], others)
+        found.append((finding, effect, others))
+    rest = findings[num_selected:]
+    effects = test.effects([sensors[f.sensor] for f in rest], given) if rest else []
+    found += [(f, effect, given) for f, effect in zip(rest, effects, strict=True)]
+    small = [
+        f.sensor
+        for f, effect, _ in found
+        if f.pvalue > significance and effect.upper_bound < margin
+    ]
+    dispensable = set(small) - _not_in_pairs(test, sensors, small, given, margin)
+    return [
+        Verdict(_status(f, dispensable, significance), effect, test.why(f.channels, others))
+        for f, effect, others in found
+    ]
+
+
+def _status(finding: Finding, dispensable: set[int], significance: float) -> str:
+    if finding.pvalue <= significance:
+        return CONFIRMED
+    return DISPENSABLE if finding.sensor in dispensable else UNDECIDED
+
+
+def _not_in_pairs(test, sensors, small, given, margin) -> set[int]:
+    """Return the sensors a pair of which may add `margin` or more."""
+    channels = [(sensor, c) for sensor in small for c in sensors[sensor]]
+    if len(small) < 2:
+        return set()
+    bounds = test.pair_bounds([c for _, c in channels], given)
+    owner = np.array([sensor for sensor, _ in channels])
+    pairs = np.argwhere((bounds >= margin) & (owner[:, None] != owner))
+    return {int(owner[i]) for pair in pairs for i in pair}
