@@ -22,7 +22,7 @@ from cmifs_ros.collect.selection_fields import fields_of
 from cmifs_ros.collect.sensor_groups import groups_by_name
 from cmifs_ros.core import ConditionalMISelector
 from cmifs_ros.core.selection import Selection, select
-from cmifs_ros.core.statuses import REJECTED
+from cmifs_ros.core.statuses import DISPENSABLE
 from cmifs_ros.core.words import counted, first
 
 from .arguments import between, file_to_write, folder_to_write, home_path, number_from
@@ -222,8 +222,8 @@ def _write(
 
 
 def _record_arguments(selection: Selection, robot: RobotFile) -> str:
-    """Return what `ros2 bag record` takes to record all but what was rejected."""
-    worth = [sensor for sensor in selection.sensors if sensor.status != REJECTED]
+    """Return what `ros2 bag record` takes to record all but what is dispensable."""
+    worth = [sensor for sensor in selection.sensors if sensor.status != DISPENSABLE]
     channels = [channel for sensor in worth for channel in sensor.channels]
     topics = robot.topics_for(channels)
     hidden = ['--include-hidden-topics'] if any('/_' in topic for topic in topics) else []

@@ -105,8 +105,8 @@ def test_what_is_worth_recording_is_written_as_arguments(tmp_path, robot):
     assert main([str(tmp_path / 'bag'), *options]) == 0
     selection = json.loads((tmp_path / 'selection.json').read_text())
     status = {sensor['name']: sensor['status'] for sensor in selection['sensors']}
-    assert (status['x'], status['ray']) == ('confirmed', 'rejected')
-    expected = {'/pose', '/pay'} | ({'/noise'} if status['noise'] != 'rejected' else set())
+    assert (status['x'], status['ray']) == ('confirmed', 'dispensable')
+    expected = {'/pose', '/pay'} | ({'/noise'} if status['noise'] != 'dispensable' else set())
     mark, *named = topics.read_text().split()
     assert (mark, set(named)) == ('--topics', expected)
 
