@@ -175,6 +175,10 @@ class EventOrder:
             return self._change_clock(stamp)
         return [] if is_far else self._due()
 
+    def wait_for(self, topic: str) -> float:
+        """Return for how many seconds a topic is waited for at present."""
+        return self._waits[topic] / SECOND
+
     def set_clock(self, now: int) -> list[Moment]:
         """Take what /clock says, in nanoseconds: if it was set back, all begins anew."""
         before, self._clock = self._clock, now

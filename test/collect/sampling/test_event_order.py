@@ -45,6 +45,7 @@ def test_a_topic_is_waited_for_as_long_as_its_messages_are_late(late):
     found = waits(order, stream('/fast', 20, 60_000) + stream('/slow', 1000, 60_000, late=late))
     assert late - 20 <= max(found[1000:]) <= 1.5 * late + 120
     assert order.late['/slow'] <= 1 + late // 1000
+    assert order.wait_for('/slow') == pytest.approx(1.5 * late / 1000 + 0.1, abs=0.05)
 
 
 def test_max_lateness_bounds_the_waiting_and_what_is_later_is_counted_by_topic():
