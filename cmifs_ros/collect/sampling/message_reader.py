@@ -101,7 +101,5 @@ class MessageReader:
 
 
 def _goals_of(topic: str, message) -> list[tuple[bytes, int]]:
-    return [
-        (bytes(map(int, entry.goal_info.goal_id.uuid)), int(entry.status))
-        for entry in FieldPath(topic, ('status_list',)).values_in(message)[0]
-    ]
+    (entries,) = FieldPath(topic, ('status_list',)).values_in(message)
+    return [(bytes(map(int, e.goal_info.goal_id.uuid)), int(e.status)) for e in entries]
