@@ -15,10 +15,10 @@ from typing import NamedTuple
 
 import yaml
 
+from .mcap_storage import McapStorage
 from .storages import (
     CompressedMessages,
     Connection,
-    McapStorage,
     Ros1Storage,
     SqliteStorage,
     Storage,
