@@ -28,6 +28,7 @@ channels:
   x: /odom.data
   scan: {path: "/scan.data[0:2]", max_age: 0.4}
   radio: {path: /radio.data, max_age: 0.5}
+  paid: {path: /pay.data, over: [mean, count], max_age: 2.0}
 values:
   distance: {path: /goal.data, max_age: .inf}
   ray: "/scan.data[0]"

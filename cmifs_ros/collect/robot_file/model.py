@@ -17,6 +17,8 @@ from .field_path import FieldPath, MissingFieldError, described
 OWN_VALUES = frozenset({'step', 'succeeded', 'aborted', 'canceled'})
 #: What no channel or value can be called: it means something else in an expression.
 RESERVED_NAMES = OWN_VALUES | set(FUNCTIONS) | {'before'}
+#: What may be made of all messages between two steps.
+SUMMARIES = ('mean', 'rms', 'min', 'max', 'std', 'count')
 #: What may tell which robot a bag is of.
 SOURCES = ('none', 'bag', 'folder')
 STATUS = '/_action/status'
@@ -45,6 +47,8 @@ class Source:
         is the value, and else 0.
     is_channel : bool
         False: for reward and ends only.
+    over : tuple of str
+        Of `SUMMARIES`, what is made of its messages between two steps; none: the newest counts.
 
     """
 
@@ -55,16 +59,21 @@ class Source:
     inf: str | None = None
     one_hot: tuple[str, ...] = ()
     is_channel: bool = True
+    over: tuple[str, ...] = ()
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of its channels: `yaw.sin`, `scan[30]`, `pallet.2`; its own if it has one."""
+        """Names of its channels: `yaw.sin`, `scan[30]`, `shake.rms`; its own if it has one."""
         parts = ('sin', 'cos') if self.is_yaw else self.one_hot
+        if len(self.over) > 1:
+            parts = self.over
         suffixes = tuple(f'.{part}' for part in parts) or self.path.suffixes
         return tuple(self.name + suffix for suffix in suffixes)
 
     def readings(self, message) -> list[float]:
-        """Return its values in a message, as many as `names`, or none; see `FieldPath.values_in`.
+        """Return its values in a message, or none; see `FieldPath.values_in`.
+
+        They are as many as `names`, unless several summaries are made of one.
 
         Raises
         ------

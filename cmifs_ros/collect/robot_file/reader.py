@@ -15,9 +15,10 @@ from cmifs_ros.core.words import first
 
 from .expression import Expression
 from .field_path import FieldPath, parse_field_path
-from .model import OWN_VALUES, RESERVED_NAMES, SOURCES, RobotFile, Source
+from .model import OWN_VALUES, RESERVED_NAMES, SOURCES, SUMMARIES, RobotFile, Source
 
 MAX_SIZE = 10**6
+_SOURCE_KEYS = ('path', 'as', 'max_age', 'inf', 'one_hot', 'over', 'type')
 _EXPECTED = 'expected a robot file; make_robot_file writes a first one'
 #: What a file must have, with an example.
 _NEEDED = {
@@ -164,7 +165,7 @@ class _Reader:
         if isinstance(node, yaml.ScalarNode):
             path = self._path(node, name)
             return path and self._checked(Source(name, path, is_channel=is_channel), node)
-        parts = self._mapping(node, name, ('path', 'as', 'max_age', 'inf', 'one_hot', 'type'))
+        parts = self._mapping(node, name, _SOURCE_KEYS)
         if 'path' not in parts:
             self._note(node, f'{name} has no path')
             return None
@@ -192,8 +193,28 @@ class _Reader:
                 'In reward and episode, compare the number: name == 2',
             )
             return None
-        source = Source(name, path, kind is not None, max_age, inf and inf.value, kinds, is_channel)
+        over = self._over(parts['over'], name) if 'over' in parts else ()
+        if over and (kind or kinds or (len(over) > 1 and len(path.suffixes) > 1)):
+            self._note(
+                node,
+                f'{name} has over; expected numbers, without as and one_hot, and for several '
+                'summaries a single value',
+            )
+        source = Source(
+            name, path, kind is not None, max_age, inf and inf.value, kinds, is_channel, over
+        )
         return self._checked(source, node)
+
+    def _over(self, node, name: str) -> tuple[str, ...]:
+        items = node.value if isinstance(node, yaml.SequenceNode) else [node]
+        found = tuple(item.value for item in items if isinstance(item, yaml.ScalarNode))
+        if len(found) < len(items) or not found or len(set(found) & set(SUMMARIES)) < len(found):
+            shown = f'[{first(found)}]' if isinstance(node, yaml.SequenceNode) else _shown(node)
+            self._note(
+                node, f'{name}.over is {shown}; expected one or some of {", ".join(SUMMARIES)}'
+            )
+            return ()
+        return found
 
     def _kinds(self, node, name: str) -> tuple[str, ...]:
         items = node.value if isinstance(node, yaml.SequenceNode) else []

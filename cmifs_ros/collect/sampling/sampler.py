@@ -27,6 +27,7 @@ from .event_order import CLOCK_SET, SECOND, EventOrder, Moment
 from .message_reader import MessageReader
 from .missing_values import MissingValues
 from .step import SilentTail, Step
+from .summaries import Summary
 
 #: When nothing has come for so long after an end was told, no step is waited for.
 QUIET = 2 * SECOND
@@ -95,6 +96,7 @@ class Sampler:
         self._held = {
             name: (-math.inf, values) for name, (_, values) in self._held.items() if name in latched
         }
+        self._summaries = {s.name: Summary(s) for s in self._robot.sources if s.over}
         self.missing.forget_times()
         self._end.begin_anew()
         self._last_time: int | None = None  # Of the newest message that was worked through.
@@ -175,6 +177,8 @@ class Sampler:
             content = message.content
             self.missing.heard(message.topic, time, content.values)
             self._held |= {name: (time, values) for name, values in content.values.items()}
+            for name in content.values.keys() & self._summaries.keys():
+                self._summaries[name].add(content.values[name])
             if content.reward is not None:
                 self._sum += content.reward
                 self._has_reward = True
@@ -296,8 +300,7 @@ class Sampler:
         self.num_moments += 1
         state, values, lacking = array('d'), {}, []
         for source in self._robot.sources:
-            since, held = self._held.get(source.name, (None, []))
-            cause = missing_values.cause(source, since, held, time)
+            held, cause = self._values_of(source, time)
             if cause is not None:
                 self.missing.counts[source.name, cause] += 1
                 values |= dict.fromkeys((source.name, *source.names), math.nan)
@@ -308,6 +311,17 @@ class Sampler:
                 state.extend(held)
             values |= zip(source.names, held, strict=True)
         return _Left(time, None if lacking else state, tuple(lacking)), values
+
+    def _values_of(self, source: Source, time: int) -> tuple[list[float], str | None]:
+        """Return what a source tells at a time, and if that is of no use, why."""
+        summary = self._summaries.get(source.name)
+        if summary is not None and summary.is_known:
+            return summary.take(), None
+        since, held = self._held.get(source.name, (None, []))
+        cause = missing_values.cause(source, since, held, time)
+        if summary is not None and cause is None:
+            held = summary.take_of(held)
+        return held, cause
 
     def _reward(self, values: dict, before: dict) -> float:
         if isinstance(self._robot.reward, Expression):

@@ -10,7 +10,9 @@ def feed(builder, episodes, lost=()):
             is_last = step == length - 1
             ends = is_last and is_terminated, is_last and not is_terminated
             if (number, step) not in lost:
-                built += builder.add([step], RewardSample(1.0, *ends, number, step), step)
+                built += builder.add(
+                    [step], RewardSample(1.0, *ends, number, step), 10 * number + step
+                )
     return built
 
 
