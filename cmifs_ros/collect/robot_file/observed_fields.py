@@ -106,8 +106,8 @@ class ObservedField:
                     self._first[i] = value
                 self._is_changed |= value != self._first[i]
         if self._categories is not None:
-            value = self._raw(message)
-            is_whole = isinstance(value, (int, bytes)) and not isinstance(value, bool)
+            raw = self._raw(message)
+            is_whole = isinstance(raw, (int, bytes)) and not isinstance(raw, bool)
             self._categories = self._categories | {int(self._newest[0])} if is_whole else None
             if is_whole and len(self._categories) > MOST_CATEGORIES:
                 self._categories = None

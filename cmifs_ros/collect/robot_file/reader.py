@@ -81,7 +81,7 @@ def parse_robot_file(text: str) -> RobotFile:
 class _FileReader(SourceReader):
     """Read the whole file."""
 
-    def _rule(self, node, what: str, known: set[str]) -> Expression | FieldPath | None:
+    def _rule(self, node, what: str, known: frozenset[str]) -> Expression | FieldPath | None:
         if node is None:
             return None
         if not isinstance(node, yaml.ScalarNode):
@@ -116,7 +116,7 @@ class _FileReader(SourceReader):
             self.note_type(step['type'], 'step.type', clock.topic)
         elif 'type' in step:
             self.note(step['type'], 'step.type stands without step.topic')
-        return clock and clock.topic, rate
+        return clock.topic if clock else None, rate
 
     def _discount(self, node) -> Discount:
         found = self.mapping(node, 'discount', ('gamma', 'half_life'))
@@ -186,5 +186,5 @@ class _FileReader(SourceReader):
             return None
         return RobotFile(
             clock, rate, found, reward, terminated, truncated,
-            action and action.topic, steps and int(steps), self.types, discount, source,
+            action.topic if action else None, steps and int(steps), self.types, discount, source,
         )  # fmt: skip

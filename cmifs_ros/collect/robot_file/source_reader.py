@@ -44,7 +44,7 @@ class SourceReader(Nodes):
         """Return a channel or a value, None if a mistake leaves none."""
         if isinstance(node, yaml.ScalarNode):
             path = self.path(node, name)
-            return path and self._checked(Source(name, path, is_channel=is_channel), node)
+            return self._checked(Source(name, path, is_channel=is_channel), node) if path else None
         parts = self.mapping(node, name, _KEYS)
         if 'path' not in parts:
             self.note(node, f'{name} has no path')

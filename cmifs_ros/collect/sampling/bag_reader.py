@@ -11,7 +11,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from importlib.util import find_spec
 from pathlib import Path, PurePath
 from tempfile import TemporaryDirectory
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import yaml
 
@@ -31,7 +31,11 @@ _MEND = 'one that was cut off is mended by `mcap recover` (MCAP) or `ros2 bag re
 _DECODED = ('cdr', 'ros1')
 #: What stands before each type in a definition of several.
 _IDL = re.compile(r'(?m)^=+\nIDL: .*\n')
-_STORAGES = {'.mcap': McapStorage, '.db3': SqliteStorage, '.bag': Ros1Storage}
+_STORAGES: dict[str, Callable[[Path], Storage]] = {
+    '.mcap': McapStorage,
+    '.db3': SqliteStorage,
+    '.bag': Ros1Storage,
+}
 
 
 class BagError(Exception):
@@ -156,7 +160,7 @@ def _decompressed(file: Path, folder: Path) -> Path:
     return folder / file.stem
 
 
-def _typestore(connections: Iterable[Connection]) -> tuple[object, dict[str, str]]:
+def _typestore(connections: Iterable[Connection]) -> tuple[Any, dict[str, str]]:
     """Return the types of a bag, and why the messages of some of its topics cannot be decoded."""
     from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 

@@ -25,6 +25,7 @@ class McapStorage:
 
         self._file = path.open('rb')
         self._times, self._offsets = array('q'), array('q')  # Of chunks, and messages outside any.
+        self.times: tuple[int, ...] = ()
         self._ids: list[Collection[int]] = []  # The channels of a chunk; empty: not known.
         try:
             self._file.seek(-len(_MAGIC), SEEK_END)
@@ -61,7 +62,8 @@ class McapStorage:
             self._ids.append(chunk.message_index_offsets.keys())
         has_messages = statistics.message_count > 0
         bounds = (statistics.message_start_time, statistics.message_end_time)
-        self.times = bounds if has_messages else ()
+        if has_messages:
+            self.times = bounds
         return statistics.channel_message_counts, summary.schemas, summary.channels
 
     def _scanned(self) -> tuple[dict, dict, dict]:

@@ -94,7 +94,7 @@ class SqliteStorage:
             )
         ]
         ((begin, end),) = self._rows('SELECT min(timestamp), max(timestamp) FROM messages')
-        self.times = () if begin is None else (begin, end)
+        self.times: tuple[int, ...] = () if begin is None else (begin, end)
 
     def _rows(self, query: str, *values) -> Iterator[tuple]:
         with closing(self._database.execute(query, values)) as cursor:
@@ -130,7 +130,7 @@ class Ros1Storage:
             for c in self._reader.connections
         ]
         has_messages = any(c.msgcount for c in self.connections)
-        self.times = (
+        self.times: tuple[int, ...] = (
             (self._reader.start_time, self._reader.end_time - 1) if has_messages else ()
         )  # fmt: skip
 
