@@ -24,7 +24,6 @@ import hashlib
 import itertools
 import json
 import os
-import sys
 import zlib
 from collections import deque
 from collections.abc import Iterator, Sequence
@@ -218,31 +217,6 @@ def _chunks(saved: Saved) -> Iterator[bytes]:
 
 def _arrays(episode: Episode) -> list[memoryview]:
     return [np.ascontiguousarray(v, _VALUE).data for v in (episode.states, episode.rewards)]
-
-
-def load_episodes(path: str | os.PathLike) -> Saved:
-    """Return all that an episode file holds: of `select_from_bag` or of a selector.
-
-    >>> saved = load_episodes('episodes')  # doctest: +SKIP
-    >>> ConditionalMISelector().fit(saved.episodes, saved.channel_names)  # doctest: +SKIP
-
-    Parameters
-    ----------
-    path : path-like
-        `~` is the user's own folder.
-
-    Raises
-    ------
-    ValueError
-        If it is no such file, of another version, or damaged.
-    OSError
-        If it cannot be read; FileNotFoundError if there is none.
-
-    """
-    try:
-        return read(os.path.expanduser(path), sys.maxsize, sys.maxsize)
-    except RefusedFileError as error:
-        raise RefusedFileError(f'{os.fspath(path)} {error}') from None
 
 
 def read(path: str | os.PathLike, max_episodes: int, max_bytes: int) -> Saved:

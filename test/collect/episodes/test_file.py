@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from cmifs_ros.collect.episodes import file as episode_file
-from cmifs_ros.collect.episodes.file import RefusedFileError, Saved, load_episodes
+from cmifs_ros.collect.episodes.file import RefusedFileError, Saved
 from cmifs_ros.collect.episodes.saver import EpisodeSaver
 from cmifs_ros.collect.selection_fields import EVIDENCE
 from cmifs_ros.core import Episode
@@ -114,19 +114,6 @@ def test_evidence_that_cannot_be_is_refused(tmp_path, field, value):
 def test_nothing_at_all_can_be_saved_too(tmp_path):
     episode_file.write(tmp_path / 'x', Saved(None, ()))
     assert episode_file.read(tmp_path / 'x', **ENOUGH) == Saved(None, [])
-
-
-def test_whoever_has_the_file_reads_all_of_it_in_python(tmp_path, monkeypatch):
-    monkeypatch.setenv('HOME', str(tmp_path))
-    sent = episodes(count=150)
-    episode_file.write(tmp_path / 'saved', Saved(NAMES, sent, SELECTION, 12.5))
-    found = load_episodes('~/saved')
-    assert (found.channel_names, found.selection) == (NAMES, SELECTION)
-    assert all(map(same, found.episodes, sent))
-    assert len(found.episodes) == 150
-    (tmp_path / 'saved').write_text('no episodes')
-    with pytest.raises(ValueError, match=r'^~/saved is no episodes file'):
-        load_episodes('~/saved')
 
 
 @pytest.mark.parametrize('num_saved', [0, 4, 5])
