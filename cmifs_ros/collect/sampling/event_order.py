@@ -11,7 +11,7 @@ from __future__ import annotations
 import heapq
 from collections import Counter, deque
 from collections.abc import Iterable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 SECOND = 1_000_000_000
 #: A message this far from the others is wrong; if its topic and others go on so, the clock was set.
@@ -44,7 +44,7 @@ class Message(NamedTuple):
     sequence: int
     topic: str
     is_stamped: bool
-    content: object
+    content: Any
 
 
 class Moment(NamedTuple):
@@ -131,7 +131,7 @@ class EventOrder:
         self.wrong[topic] += 1
         self.last_wrong[topic] = what[:300]
 
-    def add(self, topic: str, stamp: int, is_stamped: bool, content: object) -> list[Moment]:
+    def add(self, topic: str, stamp: int, is_stamped: bool, content: Any) -> list[Moment]:
         """Take a message; return the moments that are complete now, in order.
 
         Parameters

@@ -302,7 +302,8 @@ class Sampler:
     def _look(self, time: int) -> tuple[_Left, dict[str, float]]:
         """Return what there is at a time, and all values by name."""
         self.num_moments += 1
-        state, values, lacking = array('d'), {}, []
+        state, lacking = array('d'), []
+        values: dict[str, float] = {}
         for source in self._robot.sources:
             held, cause = self._values_of(source, time)
             if cause is not None:
