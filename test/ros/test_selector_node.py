@@ -275,6 +275,11 @@ def test_accepted_parameters_take_effect_while_running(selector, robot):
     assert robot.set_parameter('sensor_groups', 'pair=a,c').successful
     assert robot.set_parameter('num_features', 1).successful
     assert json.loads(robot.call(robot.select_client).message)['names'] == ['a', 'c']
+    assert robot.set_parameter('half_life', 1e-12).successful
+    error = json.loads(robot.call(robot.select_client).message)['error']
+    assert error.startswith('a half-life of 1e-12 s leaves nothing of a reward after a step of')
+    assert robot.set_parameter('half_life', 1e9).successful
+    assert json.loads(robot.call(robot.select_client).message)['names'] == ['a', 'c']
     refusal = robot.set_parameter('num_features', 9)
     assert not refusal.successful
     expected = 'num_features is 9; expected at most 2, the number of sensors, or 0'
@@ -372,12 +377,12 @@ def test_where_nothing_is_confirmed_the_diagnostics_tell_how_far_it_is(selector,
     found = json.loads(reply.message)
     assert found['names'] == []
     assert reply.success
-    tentative = 'tentative' in [sensor['status'] for sensor in found['sensors']]
+    undecided = 'undecided' in [sensor['status'] for sensor in found['sensors']]
     assert found['number'] == 0
-    what = 'nothing confirmed yet; 24 episodes' if tentative else 'no evidence that any'
+    what = 'nothing confirmed yet; 24 episodes' if undecided else 'no evidence that any'
     status = 'selector: selection'
     robot.until(lambda: robot.diagnostics[status][1].startswith(what))
-    assert robot.diagnostics[status][0] == (OK if tentative else WARN)
+    assert robot.diagnostics[status][0] == (OK if undecided else WARN)
 
 
 def test_of_rewards_by_which_no_return_differs_the_cause_is_told(selector, robot):
