@@ -5,11 +5,12 @@ conditional independence test and application in causal discovery, 2011), made f
 the return, z what is given (the sensors selected, the action and the step) and x the sensor:
 
 1. :math:`\varepsilon_t = y_t - \hat E[y_t | z_t]`, by kernel regression.
-2. :math:`\delta_t = \varepsilon_t - \lambda \gamma \varepsilon_{t+1}`, the TD residual of Sutton
-   (Learning to predict by the methods of temporal differences, 1988), for two :math:`\lambda`. It
-   has less noise than the return, but its mean given z need not be 0: it is regressed on z again.
+2. :math:`\delta_t = \varepsilon_t - \gamma \varepsilon_{t+1}`, the TD residual of Sutton (Learning
+   to predict by the methods of temporal differences, 1988). It has less noise than
+   :math:`\varepsilon_t`, but shows nothing of a sensor that is read early and matters late, so both
+   are used. The mean of :math:`\delta_t` given z need not be 0: they are regressed on z again.
 3. Functions f of x and z, Gaussians and products, lose their projection on the same space as
-   :math:`\delta`: what is left of the two is orthogonal to all that z explains of either
+   these: what is left of the two is orthogonal to all that z explains of either
    (Frisch-Waugh-Lovell).
 4. The products :math:`s_i = \sum_t f_{it} \delta_{it} / \sqrt{T_i}` of each episode i are added up.
    If y does not depend on x given z, each :math:`s_i` may as well have the opposite sign, whatever
@@ -18,8 +19,8 @@ the return, z what is given (the sensors selected, the action and the step) and 
 5. What seems dependent is tested once more, with the residuals of other episodes: cyclic shifts of
    the episodes in their order, which keep the memory of both sides. This counts on episodes alike.
 
-The greater p-value of 4 and 5 counts. Returns enter as they are and as normal scores, and functions
-whitened in two degrees; the p-values of all these are combined by a Cauchy combination.
+The greater p-value of 4 and 5 counts. Returns enter as they are and as normal scores; the p-values
+of all these are combined by a Cauchy combination.
 """
 
 from __future__ import annotations
@@ -40,8 +41,6 @@ from .samples import Samples, normal_scores, standardized
 _NUM_CENTERS, _NUM_FUNCTIONS = 50, 60
 #: Regressors are kept for a second question as long as they have no more rows in all.
 _KEPT_ROWS = 20_000
-#: lambda of the TD residual.
-_LAMBDAS = (0.6, 1.0)
 #: A candidate of more channels is reduced to as many principal components.
 _MAX_COMPONENTS = 12
 #: Share of its variance that a channel must have for itself.
@@ -201,8 +200,7 @@ class ConditionalTest:
         )
         if not self._discount:
             return left
-        following = self._discount * self._rows.following(left)
-        return np.hstack([left - share * following for share in _LAMBDAS])
+        return np.hstack([left, left - self._discount * self._rows.following(left)])
 
     def _with_drift(self, basis: np.ndarray, left: np.ndarray) -> np.ndarray:
         """Return the basis with slow cosines of level and slope, where the residuals drift."""
