@@ -2,22 +2,34 @@
 
 from __future__ import annotations
 
-from cmifs_ros.core.selection import Selection
-from cmifs_ros.core.statuses import DISPENSABLE, UNDECIDED
+import re
+from collections.abc import Iterable
+
+from cmifs_ros.core.effect import Effect
+from cmifs_ros.core.selection import Selection, SensorResult
+from cmifs_ros.core.statuses import CONFIRMED, DISPENSABLE, UNDECIDED
+from cmifs_ros.core.targets import ACTION, DECISION, RETURN, REWARD
 from cmifs_ros.core.words import counted, first, listed, short
 
-NOTHING_SELECTED = 'no evidence that any sensor is informative about the return'
+#: What is predicted, by target. A decision begins at the reward.
+PREDICTED = {RETURN: 'return', DECISION: 'reward', ACTION: 'action'}
+_PREDICTS = 'predicts '
 
 
-def is_tentative(selection: Selection) -> bool:
+def is_undecided(selection: Selection) -> bool:
     """Tell whether nothing is confirmed so far, though something may be yet."""
     return not selection.indices and any(s.status == UNDECIDED for s in selection.sensors)
+
+
+def nothing_selected(selection: Selection) -> str:
+    """Return what an empty selection says."""
+    return f'no evidence that any sensor is informative about the {PREDICTED[selection.target]}'
 
 
 def headline(selection: Selection) -> str:
     """Return the result in a few words."""
     sizes = counted(selection.episodes, 'episode')
-    if is_tentative(selection):
+    if is_undecided(selection):
         tested = [sensor for sensor in selection.sensors if sensor.status == UNDECIDED]
         best = min(tested, key=lambda sensor: sensor.pvalue)
         return (
@@ -26,9 +38,10 @@ def headline(selection: Selection) -> str:
     if not selection.changing:
         return f'no sensor changed in {sizes}: nothing can be selected'
     if not selection.indices:
-        return (
-            f'{NOTHING_SELECTED}; {sizes}, and more may show it if the reward is that of the task'
-        )
+        more = 'more may show it'
+        if selection.target != ACTION:
+            more += ' if the reward is that of the task'
+        return f'{nothing_selected(selection)}; {sizes}, and {more}'
     return f'selected {listed(selection.names)}'
 
 
@@ -41,17 +54,20 @@ def change(selection: Selection) -> str:
 
 
 def evidence(selection: Selection) -> str:
-    """Return what the result rests on: sizes, scores or p-values, and what was rejected."""
-    shown, rejected = [], []
+    """Return what the result rests on: effects and p-values, or scores; and what can go."""
+    shown, dispensable = [], []
     for sensor in selection.sensors:
-        if sensor.status == DISPENSABLE:
-            rejected.append(sensor.name)
-        elif sensor.pvalue is not None:
-            shown.append(f'{short(sensor.name)} (p {sensor.pvalue:.2g})')
+        name = short(sensor.name)
+        if sensor.status == DISPENSABLE and not sensor.is_selected:
+            dispensable.append(sensor.name)
+        elif sensor.pvalue is None:
+            shown.append(f'{name} ({sensor.score:.3f})')
+        elif sensor.effect is None:
+            shown.append(f'{name} (p {sensor.pvalue:.2g})')
         else:
-            shown.append(f'{short(sensor.name)} ({sensor.score:.3f})')
+            shown.append(f'{name} (adds {share(sensor.effect.share)}, p {sensor.pvalue:.2g})')
     parts = [first(shown)] if shown else []
-    parts += [f'rejected {listed(rejected)}'] if rejected else []
+    parts += [f'dispensable {listed(dispensable)}'] if dispensable else []
     redundant = redundancies(selection)
     parts += [f'redundant: {redundant}'] if redundant else []
     parts.append(
@@ -59,6 +75,55 @@ def evidence(selection: Selection) -> str:
         f'{selection.seconds:.1f} s'
     )
     return '; '.join(parts)
+
+
+def share(value: float) -> str:
+    """Return a share as a percentage."""
+    return f'{value:.1%}'.replace('-0.0%', '0.0%')
+
+
+def interval(effect: Effect) -> str:
+    """Return the 95 % confidence interval of an effect."""
+    return f'{share(effect.low)} to {share(effect.high)}'
+
+
+def prediction(selection: Selection) -> str:
+    """Return how much the selected sensors predict beside all; empty if that is not known."""
+    if selection.predicted_share is None or selection.predicted_share_of_all is None:
+        return ''
+    of_selected, of_all = selection.predicted_share, selection.predicted_share_of_all
+    variance = f'of the variance of the {PREDICTED[selection.target]} in episodes left out'
+    count, everything = len(selection.sensors), counted(len(selection.sensors), 'sensor')
+    num_selected = sum(sensor.is_selected for sensor in selection.sensors)
+    if not num_selected:
+        return f'all {everything} together predict {of_all:.0%} {variance}'
+    if num_selected == count:
+        return f'the selected sensors predict {of_selected:.0%} {variance}'
+    selected = f'the {num_selected} selected of {everything}'
+    return f'{selected} predict {of_selected:.0%} {variance}; all together, {of_all:.0%}'
+
+
+def reason(selection: Selection, sensor: SensorResult) -> str:
+    """Return what a sensor is needed for, as 'predicts y -> x -> reward'; empty if nothing is said.
+
+    It is said of those that are selected or confirmed, where the target has several variables. A
+    chain that does not lead to the reward, since two sensors predict each other, ends at its
+    first link.
+    """
+    if selection.target == RETURN or not (sensor.is_selected or sensor.status == CONFIRMED):
+        return ''
+    if not sensor.why.startswith(_PREDICTS):
+        return sensor.why
+    owners = {channel: s for s in selection.sensors for channel in s.channels}
+    links = [sensor.why.removeprefix(_PREDICTS)]
+    while (owner := owners.get(links[-1])) is not None:
+        if owner.why == REWARD:
+            return _PREDICTS + ' -> '.join([*links, REWARD])
+        link = owner.why.removeprefix(_PREDICTS)
+        if link in links or not owner.why.startswith(_PREDICTS):
+            break
+        links.append(link)
+    return sensor.why
 
 
 def redundancies(selection: Selection) -> str:
@@ -69,11 +134,16 @@ def redundancies(selection: Selection) -> str:
     )
 
 
+def kinds_of_warnings(warnings: Iterable[str]) -> dict[str, str]:
+    """Return warnings by their kind: the text without its numbers, which change all the time."""
+    return {re.sub(r'\S*\d\S*', '#', warning): warning for warning in warnings}
+
+
 def is_news(selection: Selection, previous: Selection | None) -> bool:
     """Tell whether a selection says something else than the one before."""
     if previous is None:
         return True
-    return (set(selection.names), is_tentative(selection)) != (
+    return (set(selection.names), is_undecided(selection)) != (
         set(previous.names),
-        is_tentative(previous),
+        is_undecided(previous),
     )
