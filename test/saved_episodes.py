@@ -10,7 +10,7 @@ from cmifs_ros.core import Episode
 NAMES = ('a', 'b')
 SELECTION = selection(
     sensor('b', is_selected=True, pvalue=0.01, status='confirmed', stability=1.0),
-    sensor('a', pvalue=0.8, status='rejected', redundant_with=('b',)),
+    sensor('a', pvalue=0.8, status='dispensable', redundant_with=('b',)),
     means=(0.0, 1.0, 2.0),
     spreads=(1.0, 1.0, 1.0),
     number=7,

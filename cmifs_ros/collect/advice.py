@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import textwrap
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -12,13 +13,23 @@ from scipy import special
 from cmifs_ros.core.effect import Effect
 from cmifs_ros.core.selection import Selection, SensorResult
 from cmifs_ros.core.statuses import CONFIRMED, DISPENSABLE
+from cmifs_ros.core.targets import ACTION, DECISION, RETURN
 from cmifs_ros.core.words import counted, first, listed, short
 
-from .selection_report import interval, share
+from .selection_report import LINE_WIDTH, interval, share
 
 #: Chance that a sensor that adds as much as the margin is called dispensable, and that anything is
 #: confirmed where nothing matters; the number of episodes is estimated for these.
 _ALPHA = 0.05
+#: A guess of more than ten thousand times the episodes is none.
+_MAX_EXCESS = 100
+_SCOPES = {
+    RETURN: 'This is about the return under the controller that was recorded. A controller that '
+    'is to be learned or changed may need other sensors: target decision.',
+    DECISION: 'This is about what a controller needs that is to be learned or changed, for the '
+    'reward of this task.',
+    ACTION: 'This is about what the recorded controller looks at.',
+}
 
 
 class Rate(NamedTuple):
@@ -51,8 +62,12 @@ class Item:
 
 @dataclass(frozen=True)
 class Advice:
-    """What to keep, what can go, and what is undecided; all empty where nothing was tested."""
+    """What to keep, what can go, and what is undecided; all empty where nothing was tested.
 
+    `scope` says in a sentence what the advice is about.
+    """
+
+    scope: str = ''
     keep: tuple[Item, ...] = ()
     can_go: tuple[Item, ...] = ()
     undecided: tuple[Item, ...] = ()
@@ -104,7 +119,7 @@ def advice_of(
         else:
             more = _most([_more_episodes(s, selection) for s in found])
             undecided.append(Item(name, _added(name, sensors, _range), rate, more))
-    return Advice(tuple(keep), tuple(can_go), tuple(undecided))
+    return Advice(_SCOPES[selection.target], tuple(keep), tuple(can_go), tuple(undecided))
 
 
 def _added(name: str, sensors: Sequence[SensorResult], said) -> tuple[str, ...]:
@@ -150,20 +165,23 @@ def _more_episodes(sensor: SensorResult | None, selection: Selection) -> int | N
     """Return how many more episodes would tell what a sensor adds from 0, or from the margin.
 
     Its estimate stays, and its error falls with the root of the number of episodes. None where
-    the error is small enough already, so that something else keeps it undecided.
+    the error is small enough already, so that something else keeps it undecided, or where it would
+    take very many.
     """
     if sensor is None:
         return None
     if sensor.status == DISPENSABLE:
         return 0
     effect, margin = sensor.effect, selection.margin
-    if effect is None or margin is None or not 0 < effect.error < math.inf:
+    if effect is None or margin is None:
         return None
-    to_confirm = effect.share / -special.ndtri(_ALPHA / len(selection.changing))
-    to_dispense = (margin - effect.share) / -special.ndtri(_ALPHA)
-    error = max(to_confirm, to_dispense)  # One of them is positive, as the margin is.
-    more = selection.episodes * ((effect.error / error) ** 2 - 1)
-    return _rounded_up(more) if more > 0 else None
+    to_confirm = effect.share / -float(special.ndtri(_ALPHA / len(selection.changing)))
+    to_dispense = (margin - effect.share) / -float(special.ndtri(_ALPHA))
+    # How many times too great the error is; one of the two is positive, as the margin is.
+    excess = effect.error / max(to_confirm, to_dispense)
+    if not 1 < excess <= _MAX_EXCESS:
+        return None
+    return _rounded_up(selection.episodes * (excess**2 - 1))
 
 
 def _rounded_up(number: float) -> int:
@@ -185,7 +203,7 @@ def advice_fields(advice: Advice) -> dict[str, list]:
 
 def advice_lines(advice: Advice, most: int = 8) -> list[str]:
     """Return advice as lines of text: three headings, and below each so many items at most."""
-    lines = []
+    lines = textwrap.wrap(advice.scope, LINE_WIDTH)
     for heading, items in headed(advice):
         lines.append(f'{heading}:' if items else f'{heading}: nothing')
         lines += [f'  {text_of(item)}' for item in items[:most]]

@@ -88,6 +88,8 @@ def selection_of(fields: dict[str, Any]) -> Selection:
     )
     if len(selection.warnings) > _MAX_WARNINGS:
         raise ValueError(f'{len(selection.warnings)} warnings; expected at most {_MAX_WARNINGS}')
+    if selection.margin is not None and not 0 < selection.margin < 1:
+        raise ValueError(f'margin {selection.margin}; expected 0 < margin < 1, or null')
     names_of(list(selection.ranking), MAX_CHANNELS)
     names_of([name for sensor in sensors for name in sensor.channels], MAX_CHANNELS)
     if len(selection.means) != len(selection.spreads):

@@ -13,6 +13,8 @@ from cmifs_ros.core.words import counted, first, listed, short
 
 #: What is predicted, by target. A decision begins at the reward.
 PREDICTED = {RETURN: 'return', DECISION: 'reward', ACTION: 'action'}
+#: Of text that is printed.
+LINE_WIDTH = 80
 _PREDICTS = 'predicts '
 
 
@@ -93,14 +95,14 @@ def prediction(selection: Selection) -> str:
         return ''
     of_selected, of_all = selection.predicted_share, selection.predicted_share_of_all
     variance = f'of the variance of the {PREDICTED[selection.target]} in episodes left out'
-    count, everything = len(selection.sensors), counted(len(selection.sensors), 'sensor')
-    num_selected = sum(sensor.is_selected for sensor in selection.sensors)
+    count, num_selected = len(selection.sensors), sum(s.is_selected for s in selection.sensors)
     if not num_selected:
-        return f'all {everything} together predict {of_all:.0%} {variance}'
+        return f'all sensors together predict {of_all:.0%} {variance}'
+    verb = 'predicts' if num_selected == 1 else 'predict'
     if num_selected == count:
-        return f'the selected sensors predict {of_selected:.0%} {variance}'
-    selected = f'the {num_selected} selected of {everything}'
-    return f'{selected} predict {of_selected:.0%} {variance}; all together, {of_all:.0%}'
+        return f'all sensors are selected, and predict {of_selected:.0%} {variance}'
+    selected = f'the {num_selected} selected of {counted(count, "sensor")}'
+    return f'{selected} {verb} {of_selected:.0%} {variance}; all together, {of_all:.0%}'
 
 
 def reason(selection: Selection, sensor: SensorResult) -> str:

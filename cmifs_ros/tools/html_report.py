@@ -66,8 +66,7 @@ _READING_BAND = (
     'sensor may lie within the band; its p-value, above, comes from a sharper test.'
 )
 _READING_ADVICE = (
-    'This holds for the task and the controller that were recorded. Dispensable sensors are so '
-    'beside those to keep. A topic can go when all its channels can.'
+    'Dispensable sensors are so beside those to keep. A topic can go when all its channels can.'
 )
 
 
@@ -120,8 +119,7 @@ def write_report(
         f'<p>From {counted(selection.episodes, "episode")}, {counted(selection.steps, "step")}, '
         f'{counted(len(names), "channel")}, in {selection.seconds:.1f} s.</p>',
         '<h2>What each sensor adds</h2>' if _is_tested(selection) else '<h2>Ranking</h2>',
-        _predicted(selection),
-        _image(draw_ranking(selection), 'what each sensor of the ranking adds'),
+        _image(draw_ranking(selection), f'ranking: {prediction(selection)}'),
         _ranking_table(selection),
         _reading(selection),
         _scores(selection),
@@ -153,11 +151,6 @@ def _is_tested(selection: Selection) -> bool:
     return any(sensor.pvalue is not None for sensor in selection.sensors)
 
 
-def _predicted(selection: Selection) -> str:
-    text = prediction(selection)
-    return f'<p>{escape(_sentence(text))}.</p>' if text else ''
-
-
 def _sentence(text: str) -> str:
     return text[0].upper() + text[1:]
 
@@ -182,8 +175,10 @@ def _advice(advice: Advice) -> str:
     """Return the three lists of the advice, or nothing."""
     found = headed(advice)
     lists = [f'<h3>{escape(_sentence(heading))}</h3>{_list(items)}' for heading, items in found]
-    start = f'<h2>What to do</h2><p class="note">{_READING_ADVICE}</p>' if found else ''
-    return start + ''.join(lists)
+    if not found:
+        return ''
+    reading = f'<p class="note">{advice.scope} {_READING_ADVICE}</p>'
+    return f'<h2>What to keep, and what can go</h2>{reading}{"".join(lists)}'
 
 
 def _list(items: Sequence[Item]) -> str:

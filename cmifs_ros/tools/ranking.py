@@ -8,7 +8,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cmifs_ros.collect.selection_report import PREDICTED, interval, prediction, reason, share
+from cmifs_ros.collect.selection_report import (
+    LINE_WIDTH,
+    PREDICTED,
+    interval,
+    prediction,
+    reason,
+    share,
+)
 from cmifs_ros.core.selection import Selection, SensorResult
 from cmifs_ros.core.statuses import CONFIRMED, DISPENSABLE, UNDECIDED
 from cmifs_ros.core.targets import DECISION
@@ -20,7 +27,6 @@ STATUS_COLORS = {CONFIRMED: '#1a7f37', UNDECIDED: '#9a6700', DISPENSABLE: '#6e77
 PLAIN_COLOR = '#0969da'
 #: Beside which others a sensor is scored.
 _TAKEN, _OTHERS = 'selected: each with those before it', 'others: each with the selected alone'
-_LINE_WIDTH = 80
 
 
 def figure_of(width: float, height: float):
@@ -69,10 +75,12 @@ def draw_ranking(selection: Selection):
         )  # fmt: skip
     axes.axvline(0, color='0.2', linewidth=0.8)
     axes.set_yticks(range(len(sensors)), [label_of(sensor.name) for sensor in sensors])
+    for label, sensor in zip(axes.get_yticklabels(), sensors, strict=True):
+        label.set_color(STATUS_COLORS[sensor.status])  # Bars may be too short to tell.
     axes.set_ylim(len(sensors) - 0.4, -0.6)
     axes.set_xlabel(f'adds, in % of {variance_of(selection)} (with the 95 % interval)')
     axes.set_title(prediction(selection).replace('; ', ';\n'), loc='left', fontsize='medium')
-    axes.legend(loc='lower right')
+    axes.legend()
     return figure
 
 
@@ -195,7 +203,7 @@ def ranking_text(selection: Selection) -> str:
     lines = [
         line
         for warning in selection.warnings
-        for line in textwrap.wrap(f'warning: {warning}', _LINE_WIDTH, subsequent_indent='  ')
+        for line in textwrap.wrap(f'warning: {warning}', LINE_WIDTH, subsequent_indent='  ')
     ]
     lines += [''] if lines else []
     padded = []
@@ -206,4 +214,4 @@ def ranking_text(selection: Selection) -> str:
     lines += ['  '.join(row).rstrip() for row in zip(*padded, strict=True)]
     constant = [sensor.name for sensor in selection.sensors if sensor.is_constant]
     lines += [f'never changed: {listed(constant)}'] if constant else []
-    return '\n'.join([*lines, *textwrap.wrap(prediction(selection), _LINE_WIDTH)])
+    return '\n'.join([*lines, *textwrap.wrap(prediction(selection), LINE_WIDTH)])
