@@ -52,9 +52,7 @@ def _sensor_fields(sensor: SensorResult) -> dict[str, Any]:
     fields = {field.name: getattr(sensor, field.name) for field in dataclasses.fields(sensor)}
     effect = sensor.effect
     if effect is not None:
-        fields['effect'] = {
-            'share': effect.share, 'low': effect.low, 'high': effect.high, 'error': effect.error
-        }  # fmt: skip
+        fields['effect'] = effect._asdict() | {'low': effect.low, 'high': effect.high}
     return fields
 
 

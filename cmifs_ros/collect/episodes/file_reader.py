@@ -34,7 +34,7 @@ from .file_format import (
 
 
 class RefusedFileError(ValueError):
-    """A file cannot be used; the message, which follows its name, says why."""
+    """A file cannot be used; the message names it and says why."""
 
 
 def read_episodes(
@@ -45,6 +45,7 @@ def read_episodes(
     Parameters
     ----------
     path : path-like
+        `~` is the user's home folder.
     max_episodes : int, optional
         None: all there are.
     max_bytes : float
@@ -58,50 +59,57 @@ def read_episodes(
         If it cannot be read; FileNotFoundError if there is none.
 
     """
-    with open(path, 'rb') as file:
-        size = os.fstat(file.fileno()).st_size
-        if size > MAX_FILE:
-            raise RefusedFileError(f'has {size} bytes; expected at most {MAX_FILE}')
-        version = _version(file.readline(len(MAGIC) + 16))
-        line = file.readline(MAX_HEADER + 1)
-        if not line.endswith(b'\n'):
-            raise RefusedFileError(f'is truncated, or its header has more than {MAX_HEADER} bytes')
-        try:
-            header = json.loads(line)
-            channel_names = names_of(header['channels'], MAX_CHANNELS)
-            lengths = [count_of(length, 1) for length in list_of(header['lengths'])]
-            selection, fields = None, header['selection']
-            is_read = version == VERSION and fields is not None
-            if is_read and fields['version'] == selection_fields.VERSION:
-                selection = selection_of(fields)
-                if not selection.names:
-                    raise ValueError('a selection of nothing')
-            selected_at = float(header['selected_at'])
-        except (ValueError, TypeError, KeyError, RecursionError, OverflowError) as error:
-            raise RefusedFileError(f'has a header that cannot be used: {error!r}') from None
-        step_size = VALUE.itemsize * (len(channel_names) + 1)
-        end = file.tell() + step_size * sum(lengths)
-        if size < end + DIGEST_SIZE:
-            raise RefusedFileError(
-                f'is truncated: it has {size} bytes; expected at least {end + DIGEST_SIZE}'
-            )
-        if lengths and not channel_names:
-            raise RefusedFileError(f'has {counted(len(lengths), "episode")} without channels')
-        # The first byte and the length of each episode.
-        places: deque[tuple[int, int]] = deque(maxlen=max_episodes)
-        begin = file.tell()
-        for length in lengths:
-            places.append((begin, length))
-            begin += step_size * length
-        _check_digest(file, 0, end)
-        end += DIGEST_SIZE
-        while (found := _next_record(file, end, size, step_size)) is not None:
-            places.append((end + RECORD_HEADER_SIZE, found))
-            end += RECORD_HEADER_SIZE + step_size * found + DIGEST_SIZE
-        try:
-            episodes = _newest(file, places, len(channel_names), max_bytes)
-        except ValueError as error:
-            raise RefusedFileError(f'has an episode that cannot be used: {error}') from None
+    try:
+        with open(os.path.expanduser(path), 'rb') as file:
+            return _read(file, max_episodes, max_bytes)
+    except RefusedFileError as error:
+        raise RefusedFileError(f'{os.fspath(path)} {error}') from None
+
+
+def _read(file: BinaryIO, max_episodes: int | None, max_bytes: float) -> Saved:
+    size = os.fstat(file.fileno()).st_size
+    if size > MAX_FILE:
+        raise RefusedFileError(f'has {size} bytes; expected at most {MAX_FILE}')
+    version = _version(file.readline(len(MAGIC) + 16))
+    line = file.readline(MAX_HEADER + 1)
+    if not line.endswith(b'\n'):
+        raise RefusedFileError(f'is truncated, or its header has more than {MAX_HEADER} bytes')
+    try:
+        header = json.loads(line)
+        channel_names = names_of(header['channels'], MAX_CHANNELS)
+        lengths = [count_of(length, 1) for length in list_of(header['lengths'])]
+        selection, fields = None, header['selection']
+        is_read = version == VERSION and fields is not None
+        if is_read and fields['version'] == selection_fields.VERSION:
+            selection = selection_of(fields)
+            if not selection.names:
+                raise ValueError('a selection of nothing')
+        selected_at = float(header['selected_at'])
+    except (ValueError, TypeError, KeyError, RecursionError, OverflowError) as error:
+        raise RefusedFileError(f'has a header that cannot be used: {error!r}') from None
+    step_size = VALUE.itemsize * (len(channel_names) + 1)
+    end = file.tell() + step_size * sum(lengths)
+    if size < end + DIGEST_SIZE:
+        raise RefusedFileError(
+            f'is truncated: it has {size} bytes; expected at least {end + DIGEST_SIZE}'
+        )
+    if lengths and not channel_names:
+        raise RefusedFileError(f'has {counted(len(lengths), "episode")} without channels')
+    # The first byte and the length of each episode.
+    places: deque[tuple[int, int]] = deque(maxlen=max_episodes)
+    begin = file.tell()
+    for length in lengths:
+        places.append((begin, length))
+        begin += step_size * length
+    _check_digest(file, 0, end)
+    end += DIGEST_SIZE
+    while (found := _next_record(file, end, size, step_size)) is not None:
+        places.append((end + RECORD_HEADER_SIZE, found))
+        end += RECORD_HEADER_SIZE + step_size * found + DIGEST_SIZE
+    try:
+        episodes = _newest(file, places, len(channel_names), max_bytes)
+    except ValueError as error:
+        raise RefusedFileError(f'has an episode that cannot be used: {error}') from None
     return Saved(channel_names or None, episodes, selection, selected_at, torn_bytes=size - end)
 
 

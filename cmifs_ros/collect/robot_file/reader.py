@@ -1,31 +1,22 @@
-"""The robot file: which topics are channels, what pays, and when an episode ends.
-
-It is data. Every mistake is reported at once, with its line, what was found and what is expected.
-"""
+"""From YAML to a `RobotFile`: every mistake at once, with line, what was found and expected."""
 
 from __future__ import annotations
 
-import math
-import re
-from collections.abc import Collection
-from dataclasses import dataclass
+import os
 from pathlib import Path
 
 import yaml
 
-from cmifs_ros.collect.sensor_groups import groups_by_name
+from cmifs_ros.collect.discount import Discount
 from cmifs_ros.core.channel_names import problem_of_names
-from cmifs_ros.core.words import first
 
-from .expression import FUNCTIONS, Expression
-from .field_path import FieldPath, MissingFieldError, described, parse_field_path
+from .expression import Expression
+from .field_path import FieldPath
+from .model import OWN_VALUES, RESERVED_NAMES, SOURCES, RobotFile, Source
+from .source_reader import SourceReader
+from .yaml_nodes import shown
 
 MAX_SIZE = 10**6
-#: Values that the sampler itself gives to expressions.
-OWN_VALUES = frozenset({'step', 'succeeded', 'aborted', 'canceled'})
-#: Names that mean something else in an expression.
-_TAKEN = OWN_VALUES | set(FUNCTIONS) | {'before'}
-STATUS = '/_action/status'
 _EXPECTED = 'expected a robot file; make_robot_file writes a first one'
 #: What a file must have, with an example.
 _NEEDED = {
@@ -34,163 +25,20 @@ _NEEDED = {
     'reward': 'what pays, such as reward: "before(distance) - distance"; make_robot_file leaves '
     'that to you, as a TODO',
 }
-_TYPE = re.compile(r'[a-z][a-z0-9_]*/msg/[A-Za-z][A-Za-z0-9]*')
-
-
-_WHOLE = re.compile(r'[+-]?\d{1,18}')
-#: As the last part of a channel's name, see `groups_by_name`.
-_WORD = re.compile(r'[A-Za-z_][^.\[\]]*')
-
-
-class UnlistedKindError(Exception):
-    """A message has a kind that `one_hot` does not list; the text says which."""
+_KEYS = ('step', 'channels', 'values', 'reward', 'episode', 'discount', 'source')
 
 
 class RobotFileError(ValueError):
     """A robot file cannot be used; the message has a line for each mistake."""
 
 
-@dataclass(frozen=True)
-class Source:
-    """A channel, a group of channels, or a value that is none.
-
-    Attributes
-    ----------
-    name : str
-    path : FieldPath
-    is_yaw : bool
-        The path is a quaternion; its values are the sine and the cosine of its yaw.
-    max_age : float
-        In seconds; `inf` for what is latched.
-    inf : str or None
-        Field of the message that stands for infinite values.
-    one_hot : tuple of str
-        The kinds that its value may be, whole numbers or words; a channel for each is 1 where it
-        is the value, and else 0.
-    is_channel : bool
-        False: for reward and ends only.
-
-    """
-
-    name: str
-    path: FieldPath
-    is_yaw: bool = False
-    max_age: float = 1.0
-    inf: str | None = None
-    one_hot: tuple[str, ...] = ()
-    is_channel: bool = True
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of its channels: `yaw.sin`, `scan[30]`, `pallet.2`; its own if it has one."""
-        parts = ('sin', 'cos') if self.is_yaw else self.one_hot
-        suffixes = tuple(f'.{part}' for part in parts) or self.path.suffixes
-        return tuple(self.name + suffix for suffix in suffixes)
-
-    def read(self, message) -> list[float]:
-        """Return its values in a message, as many as `names`, or none; see `FieldPath.read`.
-
-        Raises
-        ------
-        MissingFieldError
-        UnlistedKindError
-
-        """
-        if self.is_yaw:
-            return [part for q in self.path.read(message) for part in self._yaw(q)]
-        if self.one_hot:
-            return [part for kind in self.path.read(message) for part in self._one_hot(kind)]
-        values = self.path.numbers(message)
-        if self.inf is not None:
-            instead = FieldPath(self.path.topic, (self.inf,)).numbers(message)[0]
-            values = [instead if value == math.inf else value for value in values]
-        return values
-
-    def _one_hot(self, value) -> list[float]:
-        number = 0.5 if isinstance(value, str) else self.path.number(value)
-        kind = str(int(number) if number.is_integer() else value)
-        if kind not in self.one_hot:
-            raise UnlistedKindError(
-                f'{self.path} is {kind[:40]!r}; expected one of {first(self.one_hot)} (one_hot)'
-            )
-        return [float(kind == one) for one in self.one_hot]
-
-    def _yaw(self, q) -> tuple[float, float]:
-        if not all(hasattr(q, part) for part in 'wxyz'):
-            raise MissingFieldError(
-                f'{self.path} is {described(q)}; expected a quaternion of w, x, y, z for as: yaw'
-            )
-        sine = 2 * (q.w * q.z + q.x * q.y)
-        cosine = 1 - 2 * (q.y * q.y + q.z * q.z)
-        length = math.hypot(sine, cosine) or math.nan
-        return sine / length, cosine / length
-
-
-@dataclass(frozen=True)
-class RobotFile:
-    """What a robot file says.
-
-    Attributes
-    ----------
-    step_topic : str or None
-        A step at each of its messages, or
-    rate : float or None
-        so many a second.
-    sources : tuple of Source
-    reward, terminated, truncated : Expression, FieldPath or None
-        A path stands for what its topic says until the next step.
-    action : str or None
-        An episode is a goal of it.
-    steps : int or None
-        An episode is truncated after so many steps.
-    types : dict of str to str
-        Type by topic, where the file names one.
-
-    """
-
-    step_topic: str | None
-    rate: float | None
-    sources: tuple[Source, ...]
-    reward: Expression | FieldPath
-    terminated: Expression | FieldPath | None = None
-    truncated: Expression | FieldPath | None = None
-    action: str | None = None
-    steps: int | None = None
-    types: dict[str, str] | None = None
-
-    @property
-    def channel_names(self) -> tuple[str, ...]:
-        """The channels of a state, in order."""
-        return tuple(name for s in self.sources if s.is_channel for name in s.names)
-
-    @property
-    def groups(self) -> dict[str, tuple[str, ...]]:
-        """Sensors of several channels, by the rule by which the live selector finds them."""
-        return groups_by_name(self.channel_names)
-
-    @property
-    def topics(self) -> tuple[str, ...]:
-        """All topics that are needed, each once."""
-        paths = [s.path for s in self.sources]
-        paths += [p for p in (self.reward, self.terminated, self.truncated)
-                  if isinstance(p, FieldPath)]  # fmt: skip
-        own = [self.step_topic] if self.step_topic else []
-        own += [self.action + STATUS] if self.action else []
-        return tuple(dict.fromkeys(own + [path.topic for path in paths]))
-
-    def type_problem(self, topic: str, kinds: Collection[str]) -> str:
-        """Return what is wrong, or nothing, with a topic that has these types."""
-        said = (self.types or {}).get(topic)
-        if said is None or said in kinds:
-            return ''
-        return (
-            f'{topic} is of type {", ".join(sorted(kinds))}, not {said} as the robot file says: '
-            'correct or leave out that type'
-        )
-
-
 def load_robot_file(path: str | Path) -> RobotFile:
     """Read a robot file.
+
+    Parameters
+    ----------
+    path : path-like
+        `~` is the user's own folder.
 
     Raises
     ------
@@ -199,7 +47,7 @@ def load_robot_file(path: str | Path) -> RobotFile:
 
     """
     try:
-        with open(path, 'rb') as file:
+        with open(os.path.expanduser(path), 'rb') as file:
             content = file.read(MAX_SIZE + 1)
     except OSError as error:
         raise RobotFileError(f'{path} cannot be read ({error.strerror}); {_EXPECTED}') from None
@@ -221,7 +69,7 @@ def parse_robot_file(text: str) -> RobotFile:
         root = yaml.compose(text, Loader=yaml.SafeLoader)
     except (yaml.YAMLError, RecursionError) as error:
         raise RobotFileError(f'no YAML: {" ".join(str(error).split())[:300]}') from None
-    reader = _Reader()
+    reader = _FileReader()
     robot = reader.robot(root)
     if reader.mistakes:
         raise RobotFileError(
@@ -230,74 +78,24 @@ def parse_robot_file(text: str) -> RobotFile:
     return robot
 
 
-class _Reader:
-    """Walk the YAML nodes, which know their lines, and note mistakes instead of stopping."""
+class _FileReader(SourceReader):
+    """Read the whole file."""
 
-    def __init__(self):
-        self.mistakes: list[tuple[int, str]] = []
-        self._types: dict[str, str] = {}
-
-    def _note(self, node, what: str) -> None:
-        self.mistakes.append(((node.start_mark.line + 1) if node is not None else 1, what))
-
-    def _mapping(self, node, what: str, keys: tuple[str, ...] | None) -> dict:
-        if not isinstance(node, yaml.MappingNode):
-            self._note(node, f'{what} is {_shown(node)}; expected a mapping')
-            return {}
-        found: dict = {}
-        for key, value in node.value:
-            name = key.value if isinstance(key, yaml.ScalarNode) else _shown(key)
-            if keys is not None and name not in keys:
-                self._note(key, f'{what} has {name[:60]!r}; expected {", ".join(keys)}')
-            elif name in found:
-                self._note(key, f'{what} has {name[:60]!r} twice')
-            else:
-                found[name] = value
-        return found
-
-    def _number(self, node, what: str, low: float, high: float, default=None):
-        if node is None:
-            return default
-        try:
-            value = float(node.value.replace('.inf', 'inf'))
-        except (ValueError, AttributeError):
-            value = math.nan
-        if not low <= value <= high:
-            self._note(node, f'{what} is {_shown(node)}; expected a number from {low} to {high}')
-            return default
-        return value
-
-    def _path(self, node, what: str) -> FieldPath | None:
-        if not isinstance(node, yaml.ScalarNode):
-            self._note(node, f'{what} is {_shown(node)}; expected a path such as /odom.pose')
-            return None
-        try:
-            return parse_field_path(node.value)
-        except ValueError as error:
-            self._note(node, f'{what}: {error}')
-            return None
-
-    def _type(self, node, what: str, topic: str) -> None:
-        if not (isinstance(node, yaml.ScalarNode) and _TYPE.fullmatch(node.value)):
-            self._note(node, f'{what} is {_shown(node)}; expected e.g. nav_msgs/msg/Odometry')
-        elif self._types.setdefault(topic, node.value) != node.value:
-            self._note(node, f'{what} is {_shown(node)}; expected {self._types[topic]} as above')
-
-    def _rule(self, node, what: str, known: set[str]) -> Expression | FieldPath | None:
+    def _rule(self, node, what: str, known: frozenset[str]) -> Expression | FieldPath | None:
         if node is None:
             return None
         if not isinstance(node, yaml.ScalarNode):
-            self._note(node, f'{what} is {_shown(node)}; expected an expression or a path')
+            self.note(node, f'{what} is {shown(node)}; expected an expression or a path')
             return None
         if node.value.startswith('/'):
-            return self._path(node, what)
+            return self.path(node, what)
         try:
             rule = Expression(node.value)
         except ValueError as error:
-            self._note(node, f'{what}: {error}')
+            self.note(node, f'{what}: {error}')
             return None
         if rule.names - known:
-            self._note(
+            self.note(
                 node,
                 f'{what} uses {", ".join(sorted(rule.names - known))[:60]}; expected names of '
                 'channels or values that are single numbers (of an array or of kinds, name '
@@ -305,94 +103,52 @@ class _Reader:
             )
         return rule
 
-    def _source(self, name: str, node, is_channel: bool) -> Source | None:
-        if isinstance(node, yaml.ScalarNode):
-            path = self._path(node, name)
-            return path and self._checked(Source(name, path, is_channel=is_channel), node)
-        parts = self._mapping(node, name, ('path', 'as', 'max_age', 'inf', 'one_hot', 'type'))
-        if 'path' not in parts:
-            self._note(node, f'{name} has no path')
-            return None
-        path = self._path(parts['path'], name)
-        max_age = self._number(parts.get('max_age'), f'{name}.max_age', 0, math.inf, 1.0)
-        kind, inf = parts.get('as'), parts.get('inf')
-        if kind is not None and kind.value != 'yaw':
-            self._note(kind, f'{name}.as is {_shown(kind)}; expected yaw')
-        if inf is not None and not (isinstance(inf, yaml.ScalarNode) and inf.value.isidentifier()
-                                    and not inf.value.startswith('_')):  # fmt: skip
-            self._note(inf, f'{name}.inf is {_shown(inf)}; expected a field such as range_max')
-            inf = None
-        if path is None:
-            return None
-        if 'type' in parts:
-            self._type(parts['type'], f'{name}.type', path.topic)
-        if kind is not None and (path.is_list or path.names):
-            self._note(node, f'{name} is a yaw of several values; expected one quaternion')
-            return None
-        kinds = self._kinds(parts['one_hot'], name) if 'one_hot' in parts else ()
-        if kinds and (len(path.suffixes) > 1 or kind or inf or not is_channel):
-            self._note(
-                node,
-                f'{name} has one_hot; expected a channel of a single value, without as and inf. '
-                'In reward and episode, compare the number: name == 2',
-            )
-            return None
-        source = Source(name, path, kind is not None, max_age, inf and inf.value, kinds, is_channel)
-        return self._checked(source, node)
-
-    def _kinds(self, node, name: str) -> tuple[str, ...]:
-        items = node.value if isinstance(node, yaml.SequenceNode) else []
-        texts = [item.value if isinstance(item, yaml.ScalarNode) else '' for item in items]
-        kinds = tuple(str(int(text)) if _WHOLE.fullmatch(text) else text for text in texts)
-        if len(kinds) < 2 or not any(all(map(p.fullmatch, kinds)) for p in (_WHOLE, _WORD)):
-            shown = f'[{first(texts)}]' if items else _shown(node)
-            self._note(
-                node, f'{name}.one_hot is {shown}; expected whole numbers or words, two at least, '
-                'such as [0, 1, 2, 3]',
-            )  # fmt: skip
-        return kinds
-
-    def _checked(self, source: Source, node) -> Source | None:
-        if not source.path.fields:
-            self._note(node, f'{source.name} is a topic without a field; expected /topic.field')
-            return None
-        return source
-
     def _clock(self, node) -> tuple[str | None, float | None]:
         """Return the step's topic and rate, of which one is None."""
-        step = self._mapping(node, 'step', ('topic', 'rate', 'type'))
+        step = self.mapping(node, 'step', ('topic', 'rate', 'type'))
         if ('topic' in step) == ('rate' in step):
-            self._note(node, 'step has neither or both of topic and rate; expected one')
-        rate = self._number(step.get('rate'), 'step.rate', 0.001, 10_000)
-        clock = self._path(step['topic'], 'step.topic') if 'topic' in step else None
+            self.note(node, 'step has neither or both of topic and rate; expected one')
+        rate = self.number(step.get('rate'), 'step.rate', 0.001, 10_000)
+        clock = self.path(step['topic'], 'step.topic') if 'topic' in step else None
         if clock is not None and clock.fields:
-            self._note(step['topic'], 'step.topic names a field; expected a topic such as /odom')
+            self.note(step['topic'], 'step.topic names a field; expected a topic such as /odom')
         if 'type' in step and clock is not None:
-            self._type(step['type'], 'step.type', clock.topic)
+            self.note_type(step['type'], 'step.type', clock.topic)
         elif 'type' in step:
-            self._note(step['type'], 'step.type stands without step.topic')
-        return clock and clock.topic, rate
+            self.note(step['type'], 'step.type stands without step.topic')
+        return clock.topic if clock else None, rate
+
+    def _discount(self, node) -> Discount:
+        found = self.mapping(node, 'discount', ('gamma', 'half_life'))
+        if len(found) != 1:
+            self.note(node, 'discount has neither or both of gamma and half_life; expected one')
+        gamma = self.number(found.get('gamma'), 'discount.gamma', 0.0, 1.0)
+        if gamma == 0:
+            self.note(node, 'discount.gamma is 0; expected more, up to 1')
+        return Discount(
+            gamma, self.number(found.get('half_life'), 'discount.half_life', 0.001, 10**9)
+        )
 
     def _sources(self, top: dict) -> tuple[list[Source | None], set[str]]:
         """Return channels and values, None where one has a mistake, and the names of all."""
         sources, keys = [], set()
         for section, is_channel in (('channels', True), ('values', False)):
             if section in top:
-                for name, node in self._mapping(top[section], section, None).items():
-                    if name in _TAKEN:
-                        self._note(
+                for name, node in self.mapping(top[section], section, None).items():
+                    if name in RESERVED_NAMES:
+                        self.note(
                             node, f'{section} has {name!r}, which has a meaning of its own in '
                             'expressions; expected another name',
                         )  # fmt: skip
                     elif name in keys:
-                        self._note(node, f'values has {name[:60]!r}, which is a channel already')
+                        self.note(node, f'values has {name[:60]!r}, which is a channel already')
                     keys.add(name)
-                    sources.append(self._source(name, node, is_channel))
+                    sources.append(self.source(name, node, is_channel))
         return sources, keys
 
     def robot(self, root) -> RobotFile | None:
         """Read everything; None if a mistake leaves no robot."""
-        top = self._mapping(root, 'the file', ('step', 'channels', 'values', 'reward', 'episode'))
+        top = self.mapping(root, 'the file', _KEYS)
         for key, example in _NEEDED.items():
             if key not in top and root is not None:
                 line = max(root.end_mark.line, 1)
@@ -402,34 +158,33 @@ class _Reader:
         found = tuple(source for source in sources if source is not None)
         names = [name for source in found for name in source.names]
         if 'channels' in top and not sources:
-            self._note(top['channels'], 'no channels; expected at least one')
+            self.note(top['channels'], 'no channels; expected at least one')
         problem = problem_of_names(names)
         if problem:
-            self._note(top.get('channels'), f'the channels have {problem}')
+            self.note(top.get('channels'), f'the channels have {problem}')
         # What could not be read counts as known, so that one mistake is told once.
         known = OWN_VALUES | {s.name for s in found if s.names == (s.name,)}
         known |= keys - {source.name for source in found}
         reward = self._rule(top.get('reward'), 'reward', known)
         if isinstance(reward, FieldPath) and not reward.fields:
-            self._note(top['reward'], 'reward is a topic without a field')
+            self.note(top['reward'], 'reward is a topic without a field')
         episode = (
-            self._mapping(top['episode'], 'episode', ('action', 'terminated', 'truncated', 'steps'))
+            self.mapping(top['episode'], 'episode', ('action', 'terminated', 'truncated', 'steps'))
             if 'episode' in top
             else {}
         )
         terminated = self._rule(episode.get('terminated'), 'episode.terminated', known)
         truncated = self._rule(episode.get('truncated'), 'episode.truncated', known)
-        action = self._path(episode['action'], 'episode.action') if 'action' in episode else None
-        steps = self._number(episode.get('steps'), 'episode.steps', 1, 10**6)
+        action = self.path(episode['action'], 'episode.action') if 'action' in episode else None
+        steps = self.number(episode.get('steps'), 'episode.steps', 1, 10**6)
+        discount = self._discount(top['discount']) if 'discount' in top else None
+        source = top['source'].value if 'source' in top else SOURCES[0]
+        if source not in SOURCES:
+            expected = ', '.join(SOURCES)
+            self.note(top['source'], f'source is {shown(top["source"])}; expected {expected}')
         if self.mistakes:
             return None
         return RobotFile(
             clock, rate, found, reward, terminated, truncated,
-            action and action.topic, steps and int(steps), self._types,
+            action.topic if action else None, steps and int(steps), self.types, discount, source,
         )  # fmt: skip
-
-
-def _shown(node) -> str:
-    if isinstance(node, yaml.ScalarNode):
-        return repr(node.value[:60]) if node.value else 'empty'
-    return {yaml.MappingNode: 'a mapping', yaml.SequenceNode: 'a list'}.get(type(node), 'nothing')
