@@ -6,9 +6,7 @@ import math
 import textwrap
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
-
-from scipy import special
+from statistics import NormalDist
 
 from cmifs_ros.core.effect import Effect
 from cmifs_ros.core.selection import Selection, SensorResult
@@ -17,6 +15,7 @@ from cmifs_ros.core.targets import ACTION, DECISION, RETURN
 from cmifs_ros.core.words import counted, first, listed, short
 
 from .selection_report import LINE_WIDTH, interval, share
+from .traffic import Rate
 
 #: Chance that a sensor that adds as much as the margin is called dispensable, and that anything is
 #: confirmed where nothing matters; the number of episodes is estimated for these.
@@ -30,13 +29,6 @@ _SCOPES = {
     'reward of this task.',
     ACTION: 'This is about what the recorded controller looks at.',
 }
-
-
-class Rate(NamedTuple):
-    """What comes on a topic in a second."""
-
-    messages: float
-    bytes: float
 
 
 @dataclass(frozen=True)
@@ -175,8 +167,8 @@ def _more_episodes(sensor: SensorResult | None, selection: Selection) -> int | N
     effect, margin = sensor.effect, selection.margin
     if effect is None or margin is None:
         return None
-    to_confirm = effect.share / -float(special.ndtri(_ALPHA / len(selection.changing)))
-    to_dispense = (margin - effect.share) / -float(special.ndtri(_ALPHA))
+    to_confirm = effect.share / -NormalDist().inv_cdf(_ALPHA / len(selection.changing))
+    to_dispense = (margin - effect.share) / -NormalDist().inv_cdf(_ALPHA)
     # How many times too great the error is; one of the two is positive, as the margin is.
     excess = effect.error / max(to_confirm, to_dispense)
     if not 1 < excess <= _MAX_EXCESS:

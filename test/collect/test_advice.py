@@ -6,7 +6,8 @@ from dataclasses import replace
 import pytest
 from selections import selection, sensor
 
-from cmifs_ros.collect.advice import Rate, advice_fields, advice_lines, advice_of
+from cmifs_ros.collect.advice import advice_fields, advice_lines, advice_of
+from cmifs_ros.collect.traffic import Rate
 from cmifs_ros.core.effect import Effect
 
 X = sensor('x', is_selected=True, pvalue=0.001, status='confirmed', effect=Effect(0.4, 0.1))

@@ -9,7 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from selections import selection, sensor
 
-from cmifs_ros.collect.advice import Rate, advice_of
+from cmifs_ros.collect.advice import advice_of
+from cmifs_ros.collect.traffic import Rate
 from cmifs_ros.core import Episode
 from cmifs_ros.core.effect import Effect
 from cmifs_ros.tools.html_report import write_report
