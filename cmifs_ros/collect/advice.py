@@ -20,7 +20,7 @@ from .traffic import Rate
 #: Chance that a sensor that adds as much as the margin is called dispensable, and that anything is
 #: confirmed where nothing matters; the number of episodes is estimated for these.
 _ALPHA = 0.05
-#: A guess of more than ten thousand times the episodes is none.
+#: How many times too great an error may be; by more, the number of episodes is no guess.
 _MAX_EXCESS = 100
 _SCOPES = {
     RETURN: 'This is about the return under the controller that was recorded. A controller that '
@@ -167,13 +167,12 @@ def _more_episodes(sensor: SensorResult | None, selection: Selection) -> int | N
     effect, margin = sensor.effect, selection.margin
     if effect is None or margin is None:
         return None
-    to_confirm = effect.share / -NormalDist().inv_cdf(_ALPHA / len(selection.changing))
+    to_confirm = effect.share / -NormalDist().inv_cdf(_ALPHA / len(selection.sensors))
     to_dispense = (margin - effect.share) / -NormalDist().inv_cdf(_ALPHA)
-    # How many times too great the error is; one of the two is positive, as the margin is.
-    excess = effect.error / max(to_confirm, to_dispense)
-    if not 1 < excess <= _MAX_EXCESS:
+    needed = max(to_confirm, to_dispense)  # One is positive, as the margin is.
+    if not needed < effect.error <= _MAX_EXCESS * needed:
         return None
-    return _rounded_up(selection.episodes * (excess**2 - 1))
+    return _rounded_up(selection.episodes * ((effect.error / needed) ** 2 - 1))
 
 
 def _rounded_up(number: float) -> int:
