@@ -192,14 +192,14 @@ def advice_fields(advice: Advice) -> dict[str, list]:
     }
 
 
-def advice_lines(advice: Advice, most: int = 8) -> list[str]:
+def advice_lines(advice: Advice, most: int = 12) -> list[str]:
     """Return advice as lines of text: three headings, and below each so many items at most."""
     lines = textwrap.wrap(advice.scope, LINE_WIDTH)
     for heading, items in headed(advice):
         lines.append(f'{heading}:' if items else f'{heading}: nothing')
         lines += [f'  {text_of(item)}' for item in items[:most]]
         if len(items) > most:
-            lines.append(f'  and {len(items) - most} more: {_names(items[most:])}')
+            lines.append(f'  and {len(items) - most} more')
     return lines
 
 
@@ -225,10 +225,6 @@ def text_of(item: Item) -> str:
     if item.more_episodes is not None:
         parts.append(f'about {counted(item.more_episodes, "more episode")} would decide')
     return f'{item.name}: {"; ".join(parts)}' if parts else item.name
-
-
-def _names(items: Sequence[Item]) -> str:
-    return first([short(item.name) for item in items])
 
 
 def _rate(rate: Rate) -> str:

@@ -93,7 +93,9 @@ def prediction(selection: Selection) -> str:
     """Return how much the selected sensors predict beside all; empty if that is not known."""
     if selection.predicted_share is None or selection.predicted_share_of_all is None:
         return ''
-    of_selected, of_all = selection.predicted_share, selection.predicted_share_of_all
+    # A prediction that is worse than the mean is none.
+    of_selected = max(selection.predicted_share, 0.0)
+    of_all = max(selection.predicted_share_of_all, 0.0)
     variance = f'of the variance of the {PREDICTED[selection.target]} in episodes left out'
     count, num_selected = len(selection.sensors), sum(s.is_selected for s in selection.sensors)
     if not num_selected:

@@ -75,6 +75,8 @@ def test_it_is_said_how_much_the_selected_predict_beside_all():
     assert of_action.startswith('all sensors together predict 24% of the variance of the action')
     every = prediction(selection(SURE, target='decision', **known))
     assert every.startswith('all sensors are selected, and predict 48% of the')
+    nothing = prediction(selection(DISPENSABLE, predicted_share=0.0, predicted_share_of_all=-0.2))
+    assert nothing.startswith('all sensors together predict 0% of')
     assert prediction(PLAIN) == ''
 
 
