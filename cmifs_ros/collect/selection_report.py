@@ -118,16 +118,23 @@ def reason(selection: Selection, sensor: SensorResult) -> str:
         return ''
     if not sensor.why.startswith(_PREDICTS):
         return sensor.why
-    owners = {channel: s for s in selection.sensors for channel in s.channels}
-    links = [sensor.why.removeprefix(_PREDICTS)]
-    while (owner := owners.get(links[-1])) is not None:
-        if owner.why == REWARD:
+    sensors = {s.name: s for s in selection.sensors}
+    links, seen = [sensor.why.removeprefix(_PREDICTS)], {sensor.name}
+    while (name := predicted_by(selection, sensor)) in sensors.keys() - seen:
+        sensor = sensors[name]
+        seen.add(name)
+        if sensor.why == REWARD:
             return _PREDICTS + ' -> '.join([*links, REWARD])
-        link = owner.why.removeprefix(_PREDICTS)
-        if link in links or not owner.why.startswith(_PREDICTS):
-            break
-        links.append(link)
-    return sensor.why
+        links.append(sensor.why.removeprefix(_PREDICTS))
+    return _PREDICTS + links[0]
+
+
+def predicted_by(selection: Selection, sensor: SensorResult) -> str | None:
+    """Return the sensor whose next value a sensor of a decision predicts; None: the reward."""
+    if sensor.why == REWARD:
+        return None
+    channel = sensor.why.removeprefix(_PREDICTS)
+    return next((s.name for s in selection.sensors if channel in s.channels), channel)
 
 
 def redundancies(selection: Selection) -> str:

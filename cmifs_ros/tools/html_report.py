@@ -30,6 +30,7 @@ from .ranking import (
     score_columns,
     variance_of,
 )
+from .reason_graph import draw_reasons
 
 _STYLE = """
 body { font: 16px/1.5 system-ui, sans-serif; max-width: 60rem; margin: 2rem auto; padding: 0 1rem;
@@ -122,6 +123,7 @@ def write_report(
         _image(draw_ranking(selection), f'ranking: {prediction(selection)}'),
         _ranking_table(selection),
         _reading(selection),
+        _reasons(selection),
         _scores(selection),
         '<h2>Correlation of the selected with the other channels</h2>',
         '<p class="note">Of the values at all steps. A channel that correlates with a selected '
@@ -161,6 +163,11 @@ def _reading(selection: Selection) -> str:
     text = _READING.format(variance=variance_of(selection), margin=selection.margin or 0.0)
     text += _READING_WHY if selection.target == DECISION else ''
     return f'<p class="note">{text}</p>'
+
+
+def _reasons(selection: Selection) -> str:
+    figure = draw_reasons(selection) if selection.target == DECISION else None
+    return '' if figure is None else _image(figure, 'what each sensor is needed for')
 
 
 def _scores(selection: Selection) -> str:

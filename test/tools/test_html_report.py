@@ -129,6 +129,7 @@ def test_a_decision_says_why(tmp_path):
     page = Page(write_report(tmp_path, decision, make_episodes(), NAMES, {}))
     assert '<td class="name">predicts x -&gt; reward</td>' in page.source
     assert 'or of a next value' in page.source
+    assert len(page.pictures) == 5
 
 
 def test_the_page_needs_no_network_and_runs_nothing(tmp_path):
