@@ -25,6 +25,7 @@ from cmifs_ros.collect.sampling.event_order import SECOND
 from cmifs_ros.collect.sampling.message_reader import event_time
 from cmifs_ros.collect.sampling.sampler import Sampler
 from cmifs_ros.collect.sampling.step import Step
+from cmifs_ros.collect.traffic import Traffic
 from cmifs_ros.core import Episode
 from cmifs_ros.core.words import first
 
@@ -58,6 +59,8 @@ class BagEpisodes:
         follows from them.
     unreadable : dict of str to str
         Topics, none of them asked for, whose messages cannot be decoded, and why.
+    traffic : Traffic
+        Of the topics that were asked for, by their names in the robot file.
 
     """
 
@@ -70,6 +73,7 @@ class BagEpisodes:
     num_open_steps: int
     dropped: dict[str, int]
     unreadable: dict[str, str]
+    traffic: Traffic
 
 
 def episodes_of_bag(
@@ -120,11 +124,16 @@ def episodes_of_bag(
                     collector.note_wrong(topic, message.cause)
                 else:
                     collector.add(topic, message, now if has_clock else recorded)
+        traffic = Traffic(
+            reader.duration / SECOND,
+            {collector.name_of(topic): reader.num_messages[topic] for topic in topics},
+            {collector.name_of(topic): reader.num_bytes[topic] for topic in topics},
+        )
     builder, dropped = collector.builder, collector.finish()
     dropped |= {explained('episodes', cause): n for cause, n in builder.dropped.items()}
     return BagEpisodes(
         collector.channel_names, collector.episodes, builder.stamps, count, collector.num_between,
-        builder.num_cut, builder.num_open_steps, dropped, reader.unreadable,
+        builder.num_cut, builder.num_open_steps, dropped, reader.unreadable, traffic,
     )  # fmt: skip
 
 
@@ -161,6 +170,9 @@ class _Sampled:
                 raise BagError(f'{path}: {problem}')
         self._names = {called[0]: name for name, called in found.items()}
         return self._names
+
+    def name_of(self, topic: str) -> str:
+        return self._names[topic]
 
     def add(self, topic: str, message, recorded: int) -> None:
         self._collect(self._sampler.add(self._names[topic], message, recorded))
@@ -219,6 +231,9 @@ class _StatesAndRewards:
                 f'robot file (--robot); it has {", ".join(sorted(topics))[:1000] or "no topics"}'
             )
         return f'{spaces[0]}/state', f'{spaces[0]}/reward'
+
+    def name_of(self, topic: str) -> str:
+        return topic
 
     def add(self, topic: str, message, recorded: int) -> None:
         try:

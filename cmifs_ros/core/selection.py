@@ -100,6 +100,8 @@ class Selection:
         that all sensors do.
     warnings : tuple of str
         What limits what the data show.
+    margin : float or None
+        A sensor that adds less than this share of the target's variance is dispensable.
 
     """
 
@@ -116,6 +118,7 @@ class Selection:
     predicted_share: float | None = None
     predicted_share_of_all: float | None = None
     warnings: tuple[str, ...] = ()
+    margin: float | None = None
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -167,8 +170,6 @@ def select(
     settings : dict
         Parameters of the selector.
     action_names, ordered
-        As of `ConditionalMISelector.fit`, for the method that has them.
-    action_names, ordered
         As of `ConditionalMISelector.fit`; KDR has no use for them.
     start : collection of str
         Sensors of an earlier selection.
@@ -218,6 +219,7 @@ def select(
         predicted_share=getattr(selector, 'predicted_share_', None),
         predicted_share_of_all=getattr(selector, 'predicted_share_of_all_', None),
         warnings=tuple(getattr(selector, 'warnings_', ())),
+        margin=selector.margin if _has_test(selector) else None,
     )
 
 

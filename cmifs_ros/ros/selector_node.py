@@ -32,6 +32,7 @@ from cmifs_ros.collect.selection_report import (
     headline,
     is_news,
     is_undecided,
+    kinds_of_warnings,
 )
 from cmifs_ros.core import Episode
 from cmifs_ros.core.selection import Selection
@@ -94,6 +95,7 @@ class SelectorNode(Node):
         self._drift: Drift | None = None
         self._selected_state = JointState()
         self._last_error = ''
+        self._warned: set[str] = set()  # Kinds of warnings.
         self._counted_at, self._counted = -math.inf, 0
         self._storage: SelectorStorage | None = None
 
@@ -292,6 +294,7 @@ class SelectorNode(Node):
             self.get_logger().info(change(selection))
             self._buffer.forget(selected_from[: selection.outdated])
             self._save()
+        self._log_warnings(selection)
         if not selection.indices:
             level = diagnostics.OK if is_undecided(selection) else diagnostics.WARN
             self._so_far = level, headline(selection)
@@ -303,6 +306,13 @@ class SelectorNode(Node):
         self._use(selection, time.monotonic(), outcome.cause)
         self._save()
         return dataclasses.replace(outcome, selection=selection)
+
+    def _log_warnings(self, selection: Selection) -> None:
+        """Log what limits what the data show, each kind once."""
+        warnings = kinds_of_warnings(selection.warnings)
+        for kind in warnings.keys() - self._warned:
+            self.get_logger().warning(warnings[kind])
+        self._warned |= warnings.keys()
 
     def _use(self, selection: Selection, selected_at: float, cause: str) -> None:
         self._selection, self._selected_at, self._cause = selection, selected_at, cause

@@ -385,6 +385,18 @@ def test_where_nothing_is_confirmed_the_diagnostics_tell_how_far_it_is(selector,
     assert robot.diagnostics[status][0] == (OK if undecided else WARN)
 
 
+def test_what_limits_the_data_is_logged_once_of_each_kind(selector, robot):
+    stamp = 1
+    for count, far in ((24, 1e3), (48, 2e3)):
+        first, *others = small_episodes(seed=count)
+        first = Episode(first.states, np.array([far, 0.0, 0.0]))
+        stamp = robot.publish_episodes([first, *others], NAMES, stamp)
+        robot.wait_for_episodes(count)
+        (warning,) = json.loads(robot.call(robot.select_client).message)['warnings']
+        assert f'{far:g} in episode' in warning
+    assert selector.output.count('of the variance of the rewards') == 1
+
+
 def test_of_rewards_by_which_no_return_differs_the_cause_is_told(selector, robot):
     states = np.random.default_rng(0).normal(size=(24, 3, 3))
     robot.publish_episodes([Episode(s, np.full(3, -1.0)) for s in states], NAMES)

@@ -13,9 +13,9 @@ of the record before it (32 bytes). The last one is torn if its writer was kille
 
 The second line is JSON. `lengths` gives the T of each episode before the records; `selection` is
 null or what `fields_of` gives, with `means` and `spreads`; `selected_at` is in seconds of Unix
-time. Files of versions 2 and 3 differ by their selection, and are read without it. Nothing in it
-can run code, and nothing is allocated before its size is known to be within the bounds. Nothing
-here knows ROS.
+time. A selection in an older form, as in files of versions 2 and 3, is not read, but the episodes
+are. Nothing in it can run code, and nothing is allocated before its size is known to be within the
+bounds. Nothing here knows ROS.
 """
 
 from __future__ import annotations
