@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -12,6 +12,8 @@ from .kernel_regression import corrected_residual
 
 #: How far functions are whitened in the test: the strongest alone, and all but the weakest.
 _WHITENINGS = np.array([1e-1, 1e-2])
+#: The parts of the test.
+PARTS = SIGNS, SHIFTS = ('signs', 'shifts')
 
 
 class _Whitened(NamedTuple):
@@ -40,6 +42,8 @@ class Products:
         The row whose residual each row has in each cyclic shift.
     level : float
         p-value by signs up to which episodes are shifted as well.
+    parts : collection of str
+        Which of `PARTS` count.
 
     """
 
@@ -50,6 +54,8 @@ class Products:
         starts: np.ndarray,
         shifts: np.ndarray,
         level: float,
+        *,
+        parts: Collection[str] = PARTS,
     ):
         lengths = np.diff(starts, append=len(left))
         # The deviation of an episode's sum grows faster than the root of its number of steps.
@@ -62,7 +68,7 @@ class Products:
 
         self._sums_of_products = sums_of_products
         self._basis_products = sums_of_products(basis, self._errors, starts)
-        self._starts, self._shifts, self._level = starts, shifts, level
+        self._starts, self._shifts, self._level, self._parts = starts, shifts, level, parts
 
     def pvalues(
         self, families: Sequence[np.ndarray], variables: Sequence[Sequence[int]]
@@ -80,14 +86,8 @@ class Products:
         whitened = [self._whitened(functions) for functions in families]
         pvalues = []
         for columns in variables:
-            signs = [
-                sign_flip_pvalue(statistic, w.products[:, column] * np.sqrt(weights))
-                for column in columns
-                for w in whitened
-                for statistic, weights in zip(w.statistics[column], w.weights.T, strict=True)
-            ]
-            pvalue = combined_pvalue(signs)
-            if pvalue <= self._level:
+            pvalue = self._by_signs(whitened, columns) if SIGNS in self._parts else 0.0
+            if SHIFTS in self._parts and pvalue <= self._level:
                 pvalue = max(pvalue, self._by_shifts(whitened, columns))
             pvalues.append(pvalue)
         return pvalues
@@ -103,6 +103,16 @@ class Products:
         products = (products - self._basis_products @ coefficients) @ axes
         total = (self._left.T @ functions - self._in_basis.T @ coefficients) @ axes
         return _Whitened(functions, coefficients, axes, weights, products, total**2 @ weights)
+
+    def _by_signs(self, whitened: Sequence[_Whitened], columns: Sequence[int]) -> float:
+        return combined_pvalue(
+            [
+                sign_flip_pvalue(statistic, w.products[:, column] * np.sqrt(weights))
+                for column in columns
+                for w in whitened
+                for statistic, weights in zip(w.statistics[column], w.weights.T, strict=True)
+            ]
+        )
 
     def _by_shifts(self, whitened: Sequence[_Whitened], columns: Sequence[int]) -> float:
         pvalues: list[float] = []
