@@ -110,9 +110,9 @@ def run(options: argparse.Namespace) -> None:
     last = options.first_seed + options.trials - 1
     wanted = [
         Trial(world, method, num_episodes, number, options.first_seed + number)
+        for number in range(options.trials)
         for world, num_episodes in cells
         for method in (OF_PARTS, WHOLE)
-        for number in range(options.trials)
     ]
     results = finish(wanted, log, options.jobs, run=run_either)
     print(f'\n{options.trials} draws of each world, seeds {options.first_seed} to {last}.\n')

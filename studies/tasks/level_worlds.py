@@ -78,9 +78,14 @@ class LevelWorld(NamedTuple):
         return tuple(name for name in self.shown if not name.startswith('other'))
 
 
-def rollout_level(world: LevelWorld, num_episodes: int, seed: int) -> list[Episode]:
-    """Return episodes of a world with irrelevant sensors beside, the same for the same seed."""
-    own, other, rest = (int(s) for s in np.random.SeedSequence(seed).generate_state(3))
+def rollout_level(name: str, num_episodes: int, seed: int) -> list[Episode]:
+    """Return episodes of one of `LEVEL_WORLDS` with irrelevant sensors beside.
+
+    They are the same for the same seed, and differ from world to world: rows of a table should not
+    share their luck.
+    """
+    world, entropy = LEVEL_WORLDS[name], [seed, *name.encode()]
+    own, other, rest = (int(s) for s in np.random.SeedSequence(entropy).generate_state(3))
     episodes = world.rollout(num_episodes, own)
     if not world.relevant:
         return [

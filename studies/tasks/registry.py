@@ -177,7 +177,7 @@ TASKS = (
         for name, world in (WORLDS | REWARD_WORLDS).items()
     }
     | {
-        name: task_of(partial(rollout_level, world), world.channel_names, world.relevant, {})
+        name: task_of(partial(rollout_level, name), world.channel_names, world.relevant, {})
         for name, world in LEVEL_WORLDS.items()
     }
     | {'lidar_world': task_of(rollout_lidar_world, LIDAR_NAMES, LIDAR_RELEVANT, LIDAR_GROUPS)}
