@@ -25,7 +25,7 @@ of all these are combined by a Cauchy combination.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -34,7 +34,7 @@ from .drift import cosines, num_cosines
 from .effect import Effect, EffectEstimator
 from .episode_rows import EpisodeRows
 from .kernel_regression import KernelRegression, residual, squared_distances
-from .products import Products
+from .products import PARTS, Products
 from .samples import Samples, normal_scores, standardized
 
 #: Gaussians that explain the target by what is given, and those that are functions of the sensor.
@@ -63,6 +63,8 @@ class ConditionalTest:
         Seed of folds and centres.
     level : float
         p-value by signs up to which episodes are shifted as well.
+    parts : collection of str
+        Which parts of the test count, of `products.PARTS`; a study looks at each by itself.
     ordered : bool
         Whether the order of the episodes is that of time: then slow drift is taken out, and
         episodes are shifted in their order; else in a random one.
@@ -80,10 +82,12 @@ class ConditionalTest:
         of_given: bool = False,
         random_state: int = 0,
         level: float = 0.05,
+        parts: Collection[str] = PARTS,
         ordered: bool = True,
         n_jobs: int = 1,
     ):
-        self._level, self._of_given, self._n_jobs = level, of_given, n_jobs
+        self._level, self._parts = level, parts
+        self._of_given, self._n_jobs = of_given, n_jobs
         self._rows = rows = EpisodeRows(samples, random_state, ordered)
         self._names = list(targets)
         self._targets = np.column_stack([targets[name][rows.index] for name in self._names])
@@ -157,7 +161,12 @@ class ConditionalTest:
         basis = context.regression.basis(context.regression.jointly_tuned(left))
         basis = self._with_drift(basis, left)
         products = Products(
-            residual(left, basis), basis, self._rows.starts, self._rows.shifts, self._level
+            residual(left, basis),
+            basis,
+            self._rows.starts,
+            self._rows.shifts,
+            self._level,
+            parts=self._parts,
         )
         variables = [range(k, left.shape[1], len(columns)) for k in range(len(columns))]
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -13,6 +13,8 @@ from .kernel_regression import corrected_residual
 #: Functions are whitened but for the weakest, which few episodes have to do with: those of less
 #: variance than this share of the greatest count less.
 _LEAST_VARIANCE = 1e-2
+#: The parts of the test.
+PARTS = SIGNS, SHIFTS = ('signs', 'shifts')
 
 
 class _Whitened(NamedTuple):
@@ -40,6 +42,8 @@ class Products:
         The row whose residual each row has in each cyclic shift.
     level : float
         p-value by signs up to which episodes are shifted as well.
+    parts : collection of str
+        Which of `PARTS` count.
 
     """
 
@@ -50,6 +54,8 @@ class Products:
         starts: np.ndarray,
         shifts: np.ndarray,
         level: float,
+        *,
+        parts: Collection[str] = PARTS,
     ):
         from .episode_sums import sums_of_products
 
@@ -62,7 +68,7 @@ class Products:
         self._in_basis = basis.T @ self._left
         self._sums_of_products = sums_of_products
         self._basis_products = sums_of_products(basis, self._errors, starts)
-        self._starts, self._shifts, self._level = starts, shifts, level
+        self._starts, self._shifts, self._level, self._parts = starts, shifts, level, parts
 
     def pvalues(
         self, families: Sequence[np.ndarray], variables: Sequence[Sequence[int]]
@@ -80,13 +86,8 @@ class Products:
         whitened = [self._whitened(functions) for functions in families]
         pvalues = []
         for columns in variables:
-            signs = [
-                sign_flip_pvalue(w.statistics[column], w.products[:, column])
-                for column in columns
-                for w in whitened
-            ]
-            pvalue = combined_pvalue(signs)
-            if pvalue <= self._level:
+            pvalue = self._by_signs(whitened, columns) if SIGNS in self._parts else 0.0
+            if SHIFTS in self._parts and pvalue <= self._level:
                 pvalue = max(pvalue, self._by_shifts(whitened, columns))
             pvalues.append(pvalue)
         return pvalues
@@ -100,6 +101,15 @@ class Products:
         products = (products - self._basis_products @ coefficients) @ axes
         total = (self._left.T @ functions - self._in_basis.T @ coefficients) @ axes
         return _Whitened(functions, coefficients, axes, products, (total**2).sum(axis=1))
+
+    def _by_signs(self, whitened: Sequence[_Whitened], columns: Sequence[int]) -> float:
+        return combined_pvalue(
+            [
+                sign_flip_pvalue(w.statistics[column], w.products[:, column])
+                for column in columns
+                for w in whitened
+            ]
+        )
 
     def _by_shifts(self, whitened: Sequence[_Whitened], columns: Sequence[int]) -> float:
         pvalues = []
