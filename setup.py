@@ -27,7 +27,7 @@ setup(
         'rich',
     ],
     extras_require={
-        'bags': ['rosbags>=0.11,<0.12', 'mcap'],
+        'bags': ['rosbags>=0.11,<0.12', 'mcap', 'zstandard'],
         'cluster': ['distributed', 'joblib>=1.4'],
         'peers': ['ennemi', 'scikit-learn', 'boruta'],
         'tasks': ['gymnasium[mujoco]>=1.0', 'ir-sim'],

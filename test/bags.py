@@ -74,7 +74,7 @@ def episodes_of(states, pay):
     return [(states[b : b + 5], pay[b + 1 : b + 6]) for b in begins]
 
 
-def write_states_and_rewards(path, episodes, space='/robot'):
+def write_states_and_rewards(path, episodes, space='/robot', names=('x', 'y')):
     """Write episodes as the selector's own topics, in a namespace."""
     types, name = STORE.types, 'sensor_msgs/msg/JointState'
     none = np.zeros(0)
@@ -94,7 +94,7 @@ def write_states_and_rewards(path, episodes, space='/robot'):
         for number, (states, rewards) in enumerate(episodes):
             for step, (state, reward) in enumerate(zip(states, rewards, strict=True)):
                 time += SECOND // 10
-                write('state', time, ['x', 'y'], state)
+                write('state', time, list(names), state)
                 is_last = step == len(rewards) - 1
                 fields = ['reward', 'terminated', 'truncated', 'episode', 'step']
                 write('reward', time, fields, [reward, is_last, 0, number, step])

@@ -1,12 +1,15 @@
 """Random streams of a robot's topics, and the orders in which they arrive somewhere."""
 
+from collections import Counter
 from random import Random
 from types import SimpleNamespace as Message
 from typing import NamedTuple
 
 from hypothesis import strategies as st
 
+from cmifs_ros.collect.episodes.pairing import EpisodeAssembler
 from cmifs_ros.collect.robot_file.reader import parse_robot_file
+from cmifs_ros.collect.sampling.sampler import Sampler
 
 STATUS = '/go/_action/status'
 STAMPED, HEADERLESS = ('/odom', '/scan', '/pay'), ('/radio', '/goal', STATUS)
@@ -16,7 +19,7 @@ BEGIN = 5_000_000
 END = 8000
 #: When the clock is set back, and by how much; nothing is sent in the while before it.
 CLOCK_SET, SET_BACK, PAUSE = 4000, 1_000_000, 600
-#: Of a message with a stamp; with jitter it stays below the half second for which messages wait.
+#: Of a message with a stamp.
 MAX_DELAY = 300
 
 FILE = """
@@ -25,6 +28,7 @@ channels:
   x: /odom.data
   scan: {path: "/scan.data[0:2]", max_age: 0.4}
   radio: {path: /radio.data, max_age: 0.5}
+  paid: {path: /pay.data, over: [mean, count], max_age: 2.0}
 values:
   distance: {path: /goal.data, max_age: .inf}
   ray: "/scan.data[0]"
@@ -83,7 +87,8 @@ def _stream(draw, topic, random, is_set_back):
         is_second = restart <= time < restart + 700 + period or random.random() < 0.1
         may_be_odd = 2500 < time < CLOCK_SET or time > 6500
         if is_second and last is not None:
-            stamp = last = last - 10  # Of a publisher that does not know of the first.
+            stamp = last - 10  # Of a publisher that does not know of the first.
+            last = last if is_clock else stamp
         elif may_be_odd and not was_odd and random.random() < 0.1:
             was_odd = True
             stamp += random.choice([-1700, 900_000, -900_000])
@@ -132,3 +137,34 @@ def as_message(topic, sent):
         seconds, rest = divmod(BEGIN + sent.stamp, 1000)
         fields = fields | {'header': Message(stamp=Message(sec=seconds, nanosec=rest * MS))}
     return Message(**fields)
+
+
+class Run(NamedTuple):
+    """What a sampler makes of messages; `late` has the ids of those that came too late."""
+
+    steps: list
+    episodes: list
+    missing: Counter
+    wrong: int
+    received: int
+    late: set
+
+
+def collected(robot, arrived, max_lateness=5.0):
+    """Return what a sampler makes of what arrives, by the way that the node's steps take."""
+    sampler, assembler = Sampler(robot, max_lateness), EpisodeAssembler(1000)
+    steps, episodes, late = [], [], set()
+    for received, topic, sent in arrived:
+        before = sampler.late.total()
+        steps += sampler.add(topic, as_message(topic, sent), received)
+        if sampler.late.total() > before:
+            late.add(id(sent))
+    steps += sampler.flush()
+    for step in steps:
+        episodes += assembler.add_state(step.stamp, list(robot.channel_names), step.state)
+        episodes += assembler.add_reward(step.stamp, step.sample)
+    contents = [(e.states.tobytes(), e.rewards.tobytes()) for e in episodes]
+    return Run(
+        steps, contents, sampler.missing.counts, sampler.wrong.total(), sampler.received.total(),
+        late,
+    )  # fmt: skip

@@ -31,9 +31,11 @@ OPTIONAL = {
     'distributed': ('cluster', 'distributed'),
     'ennemi': ('peers', 'ennemi'),
     'gymnasium': ('tasks', 'gymnasium'),
+    'mcap': ('bags', 'mcap'),
     'rosbags': ('bags', 'rosbags'),
     'sklearn': ('peers', 'scikit-learn'),
     'threadpoolctl': ('threads', 'threadpoolctl'),
+    'zstandard': ('bags', 'zstandard'),
 }
 
 
@@ -64,7 +66,7 @@ def test_core_sim_and_collect_know_no_ros():
     allowed = {
         'core': {'numpy', 'scipy', 'numba', 'threadpoolctl'},
         'sim': {'numpy', 'gymnasium'},
-        'collect': {'numpy', 'yaml', 'rosbags'},
+        'collect': {'numpy', 'yaml', 'rosbags', 'mcap', 'zstandard'},
     }
     for folder, packages in allowed.items():
         for path in (ROOT / 'cmifs_ros' / folder).rglob('*.py'):

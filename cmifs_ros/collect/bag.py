@@ -1,40 +1,38 @@
-"""A recorded bag's messages, read, not played: MCAP and db3, and ROS 1.
-
-rosbags is optional: `pip install 'rosbags>=0.11,<0.12'`.
-"""
+"""Episodes of a recorded bag."""
 
 from __future__ import annotations
 
 from array import array
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
 
+import numpy as np
+
+from cmifs_ros.collect.episodes.builder import EpisodeBuilder
 from cmifs_ros.collect.episodes.drops import explained
 from cmifs_ros.collect.episodes.pairing import EpisodeAssembler
 from cmifs_ros.collect.episodes.reward_reader import RewardReader
-from cmifs_ros.collect.robot_file.reader import RobotFile
-from cmifs_ros.collect.sampling.sampler import SECOND, Sampler, event_time
+from cmifs_ros.collect.robot_file import RobotFile
+from cmifs_ros.collect.sampling.bag_reader import (
+    BagError,
+    Undecoded,
+    messages_of,
+    open_bag,
+    unwatched,
+)
+from cmifs_ros.collect.sampling.event_order import SECOND
+from cmifs_ros.collect.sampling.message_reader import event_time
+from cmifs_ros.collect.sampling.sampler import Sampler
+from cmifs_ros.collect.sampling.step import Step
 from cmifs_ros.core import Episode
+from cmifs_ros.core.words import first
+
+__all__ = ['BagEpisodes', 'BagError', 'episodes_of_bag', 'open_bag']
 
 #: As the selector's parameter max_episode_steps.
 MAX_EPISODE_STEPS = 1000
 CLOCK = '/clock'
-#: rclpy's serialize_message may leave so many bytes at the end, which the middleware ignores.
-_MAX_SURPLUS = 16
-_MEND = 'one that was cut off is mended by `mcap recover` (MCAP) or `ros2 bag reindex`'
-
-
-class BagError(Exception):
-    """A bag cannot be used; the message says why."""
-
-
-class Undecoded(NamedTuple):
-    """Stands for a message that was not decoded; `cause` is None if it was not wanted."""
-
-    cause: str | None
 
 
 @dataclass(frozen=True)
@@ -45,6 +43,8 @@ class BagEpisodes:
     ----------
     channel_names : tuple of str
     episodes : list of Episode
+    stamps : list of numpy.ndarray of int, shape (T,)
+        When the steps of each episode were, in nanoseconds.
     num_messages : int
         Messages read of the topics that were asked for.
     num_between : int
@@ -56,21 +56,20 @@ class BagEpisodes:
     dropped : dict of str to int
         How many messages, steps and episodes were dropped, by cause; causes first, then what
         follows from them.
+    unreadable : dict of str to str
+        Topics, none of them asked for, whose messages cannot be decoded, and why.
 
     """
 
     channel_names: tuple[str, ...]
     episodes: list[Episode]
+    stamps: list[np.ndarray]
     num_messages: int
     num_between: int
     num_cut: int
     num_open_steps: int
     dropped: dict[str, int]
-
-
-def unwatched(messages: Iterable, total: int) -> Iterable:
-    """Pass messages on."""
-    return messages
+    unreadable: dict[str, str]
 
 
 def episodes_of_bag(
@@ -99,10 +98,13 @@ def episodes_of_bag(
         If rosbags is missing, the bag cannot be read, or it lacks a topic.
 
     """
-    assembler = EpisodeAssembler(MAX_EPISODE_STEPS)
-    collector = _StatesAndRewards(assembler) if robot is None else _Sampled(assembler, robot)
+    collector = _StatesAndRewards() if robot is None else _Sampled(robot)
+    collector.builder.stamps = []
     with open_bag(path) as reader:
         topics = collector.topics_among(reader.topics, path)
+        for topic in topics:
+            if topic in reader.unreadable:
+                raise BagError(f'{path}: {topic} cannot be read: {reader.unreadable[topic]}')
         clock = reader.topics.get(CLOCK)
         has_clock = clock is not None and clock.msgtype == 'rosgraph_msgs/msg/Clock'
         read = {*topics, CLOCK} if has_clock else set(topics)
@@ -111,135 +113,102 @@ def episodes_of_bag(
         for topic, message, recorded in watch(messages_of(reader, path, read), total):
             if has_clock and topic == CLOCK and not isinstance(message, Undecoded):
                 now = message.clock.sec * SECOND + message.clock.nanosec
+                collector.set_clock(now)
             if topic in topics:
                 count += 1
                 if isinstance(message, Undecoded):
                     collector.note_wrong(topic, message.cause)
                 else:
                     collector.add(topic, message, now if has_clock else recorded)
-    names, num_between, dropped = collector.finish()
-    counters = ('messages', assembler.dropped_messages), ('episodes', assembler.dropped_episodes)
-    for what, counts in counters:
-        dropped |= {explained(what, cause): n for cause, n in counts.items()}
+    builder, dropped = collector.builder, collector.finish()
+    dropped |= {explained('episodes', cause): n for cause, n in builder.dropped.items()}
     return BagEpisodes(
-        names, collector.episodes, count, num_between, assembler.num_cut, assembler.num_open_steps,
-        dropped,
+        collector.channel_names, collector.episodes, builder.stamps, count, collector.num_between,
+        builder.num_cut, builder.num_open_steps, dropped, reader.unreadable,
     )  # fmt: skip
-
-
-@contextmanager
-def open_bag(path: str | Path) -> Iterator:
-    """Open a bag as a reader of rosbags; raise a BagError if it cannot be opened."""
-    try:
-        from rosbags.highlevel import AnyReader
-        from rosbags.typesys import Stores, get_typestore
-    except ImportError:
-        raise BagError(
-            "bags are read by rosbags; install it: pip install 'rosbags>=0.11,<0.12'"
-        ) from None
-    if not Path(path).exists():
-        raise BagError(f'{path} does not exist; expected a bag, a file or a folder')
-    try:
-        reader = AnyReader([Path(path)], default_typestore=get_typestore(Stores.ROS2_JAZZY))
-        reader.open()
-    except Exception as error:  # A foreign or torn file breaks its readers in many ways.
-        raise BagError(
-            f'{path} cannot be read as a bag: {_shown(error)}; expected a folder with its '
-            f'metadata.yaml, or a file .mcap, .db3 or .bag; {_MEND}'
-        ) from error
-    try:
-        yield reader
-    finally:
-        reader.close()
-
-
-def messages_of(
-    reader,
-    path: str | Path,
-    topics: Collection[str],
-    is_wanted: Callable[[str, bytes], bool] = lambda topic, data: True,
-) -> Iterator[tuple]:
-    """Yield topic, message and time of record of an open bag's messages, in order of time.
-
-    `Undecoded` stands for a message that cannot be decoded, or is not wanted by its topic and
-    bytes.
-    """
-    connections = [c for c in reader.connections if c.topic in topics]
-    try:
-        for connection, recorded, data in reader.messages(connections):
-            is_read = is_wanted(connection.topic, data)
-            message = _decoded(reader, data, connection.msgtype) if is_read else Undecoded(None)
-            yield connection.topic, message, recorded
-    except Exception as error:  # What is raised where this is used does not pass here.
-        raise BagError(f'{path} breaks off: {_shown(error)}; {_MEND}') from error
-
-
-def _decoded(reader, data: bytes, kind: str) -> object:
-    try:
-        return reader.deserialize(data, kind)
-    except Exception as error:  # Foreign bytes break its decoders in many ways.
-        cause = f'{kind} cannot be decoded: {_shown(error)}'
-    for surplus in range(4, _MAX_SURPLUS + 1, 4):  # Up to 3 more are ignored.
-        with suppress(Exception):
-            return reader.deserialize(data[:-surplus], kind)
-    return Undecoded(cause)
-
-
-def _shown(error: Exception) -> str:
-    return f'{type(error).__name__}: {" ".join(str(error).split())[:300]}'
 
 
 class _Sampled:
     """Episodes from a robot's own topics."""
 
-    def __init__(self, assembler: EpisodeAssembler, robot: RobotFile):
-        self._assembler, self._robot, self._sampler = assembler, robot, Sampler(robot)
-        self._names = list(robot.channel_names)
+    def __init__(self, robot: RobotFile):
+        self._robot, self._sampler = robot, Sampler(robot, max_lateness=None)
+        self.builder = EpisodeBuilder(MAX_EPISODE_STEPS)
+        self.channel_names = robot.channel_names
+        self._names: dict[str, str] = {}  # Of the robot file, by topic of the bag.
         self.episodes: list[Episode] = []
 
+    @property
+    def num_between(self) -> int:
+        return self._sampler.num_between
+
     def topics_among(self, topics: Mapping, path) -> Collection[str]:
-        missing = set(self._robot.topics) - set(topics)
+        found = {name: _topics_called(name, topics) for name in self._robot.topics}
+        missing = [name for name, called in found.items() if not called]
         if missing:
             raise BagError(
                 f'{path} lacks {", ".join(sorted(missing))} of the robot file; it has '
                 f'{", ".join(sorted(topics))[:1000] or "no topics"}'
             )
-        for topic in self._robot.topics:
-            kinds = {connection.msgtype for connection in topics[topic].connections}
-            if problem := self._robot.type_problem(topic, kinds):
+        for name, called in found.items():
+            if len(called) > 1:
+                raise BagError(
+                    f'{path}: {name} of the robot file may be {first(called)}; expected a whole '
+                    'name, with / before it'
+                )
+            kinds = {connection.msgtype for connection in topics[called[0]].connections}
+            if problem := self._robot.type_problem(name, kinds):
                 raise BagError(f'{path}: {problem}')
-        return self._robot.topics
+        self._names = {called[0]: name for name, called in found.items()}
+        return self._names
 
     def add(self, topic: str, message, recorded: int) -> None:
-        self._collect(self._sampler.add(topic, message, recorded))
+        self._collect(self._sampler.add(self._names[topic], message, recorded))
 
     def note_wrong(self, topic: str, what: str) -> None:
-        self._sampler.note_wrong(topic, what)
+        self._sampler.note_wrong(self._names[topic], what)
 
-    def _collect(self, steps) -> None:
+    def set_clock(self, now: int) -> None:
+        self._collect(self._sampler.set_clock(now))
+
+    def _collect(self, steps: list[Step]) -> None:
         for step in steps:
-            self.episodes += self._assembler.add_state(step.stamp, self._names, step.state)
-            self.episodes += self._assembler.add_reward(step.stamp, step.sample)
+            self.episodes += self.builder.add(step.state, step.sample, step.stamp)
 
-    def finish(self) -> tuple[tuple[str, ...], int, dict[str, int]]:
-        self._collect(self._sampler.flush())
-        dropped = {f'late messages of {t}': n for t, n in self._sampler.late.items()}
+    def finish(self) -> dict[str, int]:
+        sampler = self._sampler
+        self._collect(sampler.flush())
+        dropped = {f'late messages of {t}': n for t, n in sampler.late.items() if n}
         dropped |= {
-            f'wrong messages of {t}, such as: {self._sampler.last_wrong[t]}': n
-            for t, n in self._sampler.wrong.items()
+            f'wrong messages of {t}, such as: {sampler.last_wrong[t]}': n
+            for t, n in sampler.wrong.items()
             if n
         }
-        lacking = self._sampler.lacking(self._sampler.missing)
+        lacking = sampler.missing.in_words(sampler.missing.counts)
         dropped |= {f'steps without {what}': n for what, n in lacking.items()}
-        return tuple(self._names), self._sampler.num_between, dropped
+        return dropped | sampler.ends.dropped_in_words()
+
+
+def _topics_called(name: str, topics: Collection[str]) -> list[str]:
+    """Return the topics that a name of the robot file means: a relative one in any namespace."""
+    if f'/{name.removeprefix("/")}' in topics:
+        return [f'/{name.removeprefix("/")}']
+    return [] if name.startswith('/') else [t for t in topics if t.endswith(f'/{name}')]
 
 
 class _StatesAndRewards:
     """Episodes from the topics that the selector itself subscribes to."""
 
-    def __init__(self, assembler: EpisodeAssembler):
-        self._assembler, self._reader = assembler, RewardReader()
+    num_between = 0
+
+    def __init__(self):
+        self._assembler, self._reader = EpisodeAssembler(MAX_EPISODE_STEPS), RewardReader()
+        self.builder = self._assembler.builder
         self.episodes: list[Episode] = []
+
+    @property
+    def channel_names(self) -> tuple[str, ...]:
+        return self._assembler.channel_names or ()
 
     def topics_among(self, topics: Mapping, path) -> Collection[str]:
         spaces = [t.removesuffix('/state') for t in topics if t.endswith('/state')]
@@ -258,7 +227,7 @@ class _StatesAndRewards:
             if topic.endswith('/state'):
                 self.episodes += self._assembler.add_state(stamp, names, values)
             else:
-                sample = self._reader.read(names, values)
+                sample = self._reader.sample_of(names, values)
                 self.episodes += self._assembler.add_reward(stamp, sample)
         except (AttributeError, TypeError, ValueError) as error:
             self.note_wrong(topic, str(error))
@@ -267,5 +236,10 @@ class _StatesAndRewards:
         cause = 'unusable_state' if topic.endswith('/state') else 'malformed_reward'
         self._assembler.drop_message(cause, f'{topic}: {what}')
 
-    def finish(self) -> tuple[tuple[str, ...], int, dict[str, int]]:
-        return self._assembler.channel_names or (), 0, {}
+    def set_clock(self, now: int) -> None:
+        """Do nothing: an older pair tells that time was set back."""
+
+    def finish(self) -> dict[str, int]:
+        counts = self._assembler.dropped_messages
+        dropped = {explained('messages', cause): n for cause, n in counts.items()}
+        return dropped | self.builder.ends.dropped_in_words()

@@ -77,7 +77,7 @@ class FieldReader:
         self._names: list[str] | None = None
         self._channels: list[str] = []
 
-    def read(self, msg: JointState) -> tuple[list[str], array]:
+    def channels_of(self, msg: JointState) -> tuple[list[str], array]:
         """Return the names and values of a message's channels; without a velocity, no copies.
 
         Raises

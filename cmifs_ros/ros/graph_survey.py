@@ -7,9 +7,15 @@ import time
 import rclpy
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
-from rosidl_parser.definition import AbstractNestedType, BasicType, NamespacedType
+from rosidl_parser.definition import (
+    AbstractGenericString,
+    AbstractNestedType,
+    BasicType,
+    NamespacedType,
+)
 
-from cmifs_ros.collect.robot_file.template import BYTES, Heard, TypeField, is_of_robot
+from cmifs_ros.collect.robot_file.observed_fields import BYTES, ObservedTopic, TypeField
+from cmifs_ros.collect.robot_file.template import is_of_robot
 
 from . import conversions
 from .following_subscription import FollowingSubscription
@@ -31,12 +37,17 @@ def _what(slot) -> str:
         return '/'.join(slot.namespaced_name())
     if isinstance(slot, BasicType):
         return 'number'
-    if isinstance(slot, AbstractNestedType) and isinstance(slot.value_type, BasicType):
+    if isinstance(slot, AbstractGenericString):
+        return 'text'
+    if not isinstance(slot, AbstractNestedType):
+        return ''
+    if isinstance(slot.value_type, BasicType):
         return '' if slot.value_type.typename in BYTES else 'numbers'
-    return ''
+    element = _what(slot.value_type)
+    return f'{element}[]' if '/' in element else ''
 
 
-def survey(seconds: float) -> tuple[list[Heard], list[str]]:
+def survey(seconds: float) -> tuple[list[ObservedTopic], list[str]]:
     """Listen to all topics for a while; return what was heard, and what could not be.
 
     Parameters
@@ -45,7 +56,7 @@ def survey(seconds: float) -> tuple[list[Heard], list[str]]:
 
     Returns
     -------
-    heard : list of Heard
+    heard : list of ObservedTopic
     unknown : list of str
         In words, the topics whose types are not installed.
 
@@ -70,7 +81,7 @@ def survey(seconds: float) -> tuple[list[Heard], list[str]]:
 class _Listener:
     def __init__(self, node: Node):
         self._node = node
-        self._heard: dict[str, Heard] = {}
+        self._heard: dict[str, ObservedTopic] = {}
         self.unknown: dict[str, str] = {}
 
     def look(self) -> None:
@@ -85,7 +96,7 @@ class _Listener:
             except (ValueError, ImportError, AttributeError):
                 self.unknown[topic] = f'{topic}: its type {kinds[0]} is not installed here'
                 continue
-            self._heard[topic] = Heard(topic, kinds[0], fields_of)
+            self._heard[topic] = ObservedTopic(topic, kinds[0], fields_of)
             if is_of_robot(topic):
                 FollowingSubscription(
                     self._node, message_type, topic, lambda m, topic=topic: self._hear(topic, m)
@@ -95,5 +106,5 @@ class _Listener:
         self._heard[topic].count += 1
         self._heard[topic].look(message)
 
-    def heard(self) -> list[Heard]:
+    def heard(self) -> list[ObservedTopic]:
         return list(self._heard.values())

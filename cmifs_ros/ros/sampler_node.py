@@ -7,6 +7,7 @@ import sys
 from functools import partial
 
 from diagnostic_msgs.msg import DiagnosticArray
+from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
@@ -15,8 +16,10 @@ from rosgraph_msgs.msg import Clock as ClockTime
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 
-from cmifs_ros.collect.robot_file.reader import STATUS, load_robot_file
-from cmifs_ros.collect.sampling.sampler import Sampler, Step
+from cmifs_ros.collect.robot_file import load_robot_file
+from cmifs_ros.collect.robot_file.model import STATUS
+from cmifs_ros.collect.sampling.sampler import Sampler
+from cmifs_ros.collect.sampling.step import Step
 from cmifs_ros.core.words import listed
 
 from . import conversions, diagnostics
@@ -35,12 +38,24 @@ class SamplerNode(Node):
     def __init__(self):
         super().__init__('sampler')
         path = self.declare_parameter('robot_file', '').value
-        warn_of_unknown(self, ['robot_file'])
+        max_lateness = self.declare_parameter(
+            'max_lateness',
+            5.0,
+            ParameterDescriptor(
+                read_only=True,
+                description='seconds for which a topic is waited for at most',
+            ),
+        ).value
+        warn_of_unknown(self, ['robot_file', 'max_lateness'])
         if not path:
             raise ValueError('robot_file is empty; expected the path of a robot file')
+        if not 0 <= max_lateness < math.inf:
+            raise ValueError(f'max_lateness is {max_lateness}; expected seconds, 0 or more')
         self._robot = load_robot_file(path)
         self._names = self._robot.channel_names
-        self._sampler = Sampler(self._robot)
+        discount = vars(self._robot.discount) if self._robot.discount else {}
+        self._discount = {key: value for key, value in discount.items() if value is not None}
+        self._sampler = Sampler(self._robot, max_lateness)
         stream = QoSProfile(depth=1000)
         self._state_publisher = self.create_publisher(JointState, 'state', stream)
         self._reward_publisher = self.create_publisher(JointState, 'reward', stream)
@@ -104,6 +119,7 @@ class SamplerNode(Node):
 
     def _on_clock(self, message: ClockTime) -> None:
         self._simulated = conversions.stamp_to_nanoseconds(message.clock)
+        self._publish(self._sampler.set_clock(self._simulated))
 
     def _take(self, topic: str, message) -> None:
         self._status.heard(topic)
@@ -123,7 +139,7 @@ class SamplerNode(Node):
             self._state_publisher.publish(
                 conversions.named_values_to_msg(header, self._names, step.state)
             )
-            fields = step.sample._asdict()
+            fields = step.sample._asdict() | self._discount
             self._reward_publisher.publish(
                 conversions.named_values_to_msg(header, fields, fields.values())
             )

@@ -63,10 +63,8 @@ class SamplerStatus:
             'moments': sampler.num_moments,
             'steps': sampler.num_steps,
             'between': sampler.num_between,
-            **{
-                key: Counter(getattr(sampler, key))
-                for key in ('received', 'late', 'wrong', 'missing')
-            },
+            'missing': Counter(sampler.missing.counts),
+            **{key: Counter(getattr(sampler, key)) for key in ('received', 'late', 'wrong')},
         }
         past = self._past[0] if self._past else now
         self._past.append(now)
@@ -82,10 +80,12 @@ class SamplerStatus:
         moments, lacking = now['moments'] - past['moments'], now['missing'] - past['missing']
         level, message = diagnostics.OK, 'steps are made'
         if lacking:
-            causes = sampler.lacking(lacking).most_common(_MAX_CAUSES)
+            causes = sampler.missing.in_words(lacking).most_common(_MAX_CAUSES)
             shown = '; '.join(f'{count} lack {what}' for what, count in causes)
             level = diagnostics.WARN
             message = f'of the last {counted(moments, "step")}, {shown}; they break episodes'
+        elif problem := sampler.ends.problem():
+            level, message = diagnostics.WARN, problem
         elif problems:
             level, message = diagnostics.WARN, f'wanting: {listed(sorted(problems))}'
         elif not moments:
@@ -99,8 +99,10 @@ class SamplerStatus:
             'steps per s': _rate(now['steps'] - past['steps'], seconds),
             **{
                 f'missing: {what}': f'{count} of {now["moments"]}'
-                for what, count in sampler.lacking(now['missing']).most_common(_MAX_CAUSES)
+                for what, count in sampler.missing.in_words(now['missing']).most_common(_MAX_CAUSES)
             },
+            **{f'episodes ended: {kind}': count for kind, count in sampler.ends.ended.items()},
+            **{f'episodes lost: {kind}': sampler.ends.num_lost(kind) for kind in sampler.ends.lost},
         }
         return diagnostics.status(f'{self._name}: steps', level, message, values)
 

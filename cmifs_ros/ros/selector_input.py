@@ -13,6 +13,7 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 
+from cmifs_ros.collect.discount import Discount
 from cmifs_ros.collect.episodes.buffer import EpisodeBuffer
 from cmifs_ros.collect.episodes.input_watch import InputWatch, Topic
 from cmifs_ros.collect.episodes.pairing import EpisodeAssembler, RewardSample
@@ -92,11 +93,26 @@ class SelectorInput:
         found = self._watch.assessment
         return '' if found.level == 'OK' else found.message
 
+    def gamma(self) -> float:
+        """Return the discount factor of a step: as the robot file says, else the parameters.
+
+        Raises
+        ------
+        ValueError
+            If a half-life does not fit the time between steps.
+
+        """
+        discount = self._reward_reader.discount
+        if discount is None and self._settings['half_life']:
+            discount = Discount(half_life=self._settings['half_life'])
+        discount = discount or Discount(self._settings['gamma'])
+        return discount.per_step(self.assembler.builder.step_seconds)
+
     def apply(self) -> None:
         """Take over the parameters."""
         values, reader = self._settings, self.assembler.reader
-        self.assembler.max_episode_steps = values['max_episode_steps']
-        self.assembler.max_episode_bytes = values['max_buffer_mb'] * MEGABYTE
+        self.assembler.builder.max_episode_steps = values['max_episode_steps']
+        self.assembler.builder.max_episode_bytes = values['max_buffer_mb'] * MEGABYTE
         self.assembler.stamp_tolerance = round(values['stamp_tolerance'] * 1e9)
         reader.max_hold_steps, reader.inf_value = values['max_hold_steps'], values['inf_value']
         self._field_reader = conversions.FieldReader(parse_fields(values['fields']))
@@ -122,10 +138,10 @@ class SelectorInput:
             'buffer bytes allowed': self._buffer.max_bytes,
             'transitions': assembler.num_transitions,
             'unpaired messages': assembler.num_pending,
-            'episodes cut': assembler.num_cut,
+            'episodes cut': assembler.builder.num_cut,
             'episodes repeated': self._buffer.num_repeated,
             **{f'messages dropped: {k}': n for k, n in assembler.dropped_messages.items()},
-            **{f'episodes dropped: {k}': n for k, n in assembler.dropped_episodes.items()},
+            **{f'episodes dropped: {k}': n for k, n in assembler.builder.dropped.items()},
             **{
                 f'gaps: {name}': f'{n} of {assembler.reader.num_states}'
                 for name, n in assembler.reader.gaps.most_common(8)
@@ -138,7 +154,7 @@ class SelectorInput:
     def _take_state(self, msg: JointState) -> None:
         self._last_at['state'] = time.monotonic()
         try:
-            names, values = self._field_reader.read(msg)
+            names, values = self._field_reader.channels_of(msg)
         except ValueError as error:
             self.assembler.drop_message('unusable_state', f'in a state, {error}')
             return
@@ -155,7 +171,7 @@ class SelectorInput:
     def _take_reward(self, msg: JointState) -> None:
         self._last_at['reward'] = time.monotonic()
         try:
-            sample = self._reward_reader.read(*conversions.named_values(msg))
+            sample = self._reward_reader.sample_of(*conversions.named_values(msg))
         except ValueError as error:
             self.assembler.drop_message('malformed_reward', f'in a reward message, {error}')
             return

@@ -253,9 +253,9 @@ class SelectorNode(Node):
             )
         try:
             check_parameters(values, names)
+            settings = selector_settings(values, names, self._input.gamma())
         except ValueError as error:
             raise RefusedError(str(error)) from None
-        settings = selector_settings(values, names)
         episodes = self._buffer.snapshot()
         problem = problem_of_rewards(episodes) if values['method'] != 'kdr' else ''
         if problem:

@@ -25,6 +25,8 @@ PARAMETERS = (
          'For method kdr: the channels that the reward depends on directly, as in "x,y".'),
     Spec('num_features', 0, 'Sensors to select; 0 decides automatically.', (0, 10_000)),
     Spec('gamma', 0.95, 'Discount factor of the return.', (1e-6, 1)),
+    Spec('half_life', 0.0,
+         'Seconds after which a reward counts half, in place of gamma; 0: gamma.', (0, 1e9)),
     Spec('criterion', 'held_out', 'Estimate of the mutual information.', choices=CRITERIA),
     Spec('standardize', True, 'Scale channels and returns to mean 0 and spread 1.'),
     Spec('direction', 'forward', 'Search: forward selection or backward elimination.',
@@ -74,8 +76,8 @@ PARAMETERS = (
 
 #: The parameters that a selection depends on.
 SELECTION_PARAMETERS = {
-    'method', 'kdr_target', 'num_features', 'gamma', 'criterion', 'standardize', 'direction',
-    'sensor_groups', 'min_episodes', 'max_episodes', 'max_buffer_mb', 'max_time_bins',
+    'method', 'kdr_target', 'num_features', 'gamma', 'half_life', 'criterion', 'standardize',
+    'direction', 'sensor_groups', 'min_episodes', 'max_episodes', 'max_buffer_mb', 'max_time_bins',
     'significance', 'random_state', 'forget_outdated',
 }  # fmt: skip
 
@@ -178,7 +180,7 @@ def parse_kdr_target(text: str) -> list[str]:
     return channels
 
 
-def selector_settings(values: dict, channel_names: Sequence[str]) -> dict:
+def selector_settings(values: dict, channel_names: Sequence[str], gamma: float) -> dict:
     """Return the settings of the selector of `values['method']` for these channels."""
     settings = {
         'num_features': values['num_features'] or None,
@@ -189,7 +191,7 @@ def selector_settings(values: dict, channel_names: Sequence[str]) -> dict:
     if values['method'] == 'kdr':
         return settings | {'target': parse_kdr_target(values['kdr_target'])}
     return settings | {
-        'gamma': values['gamma'],
+        'gamma': gamma,
         'criterion': values['criterion'],
         'standardize': values['standardize'],
         'max_time_bins': _TIME_BINS.get(values['max_time_bins'], values['max_time_bins']),

@@ -35,7 +35,7 @@ class SelectorStorage:
     """
 
     def __init__(self, node: Node, path: str):
-        self._node, self._path = node, os.path.abspath(path)
+        self._node, self._path = node, os.path.abspath(os.path.expanduser(path))
         self._saver: EpisodeSaver | None = EpisodeSaver(self._path)
         self._error = self._logged_error = ''
 
@@ -47,14 +47,14 @@ class SelectorStorage:
         except FileNotFoundError:
             return None
         except (OSError, RefusedFileError) as error:
-            reason = error.strerror if isinstance(error, OSError) else error
+            reason = f'{path} {error.strerror}' if isinstance(error, OSError) else error
             try:
                 aside = f'is kept as {episode_file.set_aside(path)}'
             except OSError as failure:  # Nor may it be overwritten.
                 self.stop()
                 self._saver = None
                 aside = f'stays ({failure.strerror}), and nothing is saved'
-            self._error = f'{path} {reason}; it {aside}, and the selector starts empty'
+            self._error = f'{reason}; it {aside}, and the selector starts empty'
             self._log_error()
             return None
         names = saved.selection.names if saved.selection is not None else ['nothing']

@@ -36,6 +36,23 @@ def numbers_from(least: int) -> Callable[[str], list[int]]:
     return numbers
 
 
+def between(low: float, high: float) -> Callable[[str], float]:
+    """Return a reader of a number above one and up to another."""
+
+    def number(text: str) -> float:
+        try:
+            value = float(text)
+        except ValueError:
+            value = low
+        if not low < value <= high:
+            raise argparse.ArgumentTypeError(
+                f'it is {text!r}; expected a number above {low:g}, up to {high:g}'
+            )
+        return value
+
+    return number
+
+
 def names_among(choices: Collection[str]) -> Callable[[str], list[str]]:
     """Return a reader of names with commas between; they come in the order of the choices."""
 
@@ -50,9 +67,14 @@ def names_among(choices: Collection[str]) -> Callable[[str], list[str]]:
     return names
 
 
+def home_path(text: str) -> Path:
+    """Read a path; `~`, which the shell leaves as it is within a word, is the user's folder."""
+    return Path(os.path.expanduser(text))
+
+
 def file_to_write(text: str) -> Path:
     """Read the name of a file, new or not; its folder need not be there yet."""
-    path = Path(text)
+    path = home_path(text)
     if path.is_dir():
         raise argparse.ArgumentTypeError(
             f'{text} is a folder; expected the name of a file, as in {path / "NAME"}'
@@ -63,7 +85,7 @@ def file_to_write(text: str) -> Path:
 
 def folder_to_write(text: str) -> Path:
     """Read the name of a folder, new or not."""
-    whole = Path(text).absolute()
+    whole = home_path(text).absolute()
     there = next(path for path in (whole, *whole.parents) if os.path.lexists(path))
     if not os.path.isdir(there):
         raise argparse.ArgumentTypeError(f'{there} is no folder; expected one, new or not')
@@ -71,4 +93,4 @@ def folder_to_write(text: str) -> Path:
         raise argparse.ArgumentTypeError(
             f'nothing can be written into {there}; expected a folder that is yours'
         )
-    return Path(text)
+    return home_path(text)

@@ -11,21 +11,30 @@ from collections import Counter
 from pathlib import Path
 
 from cmifs_ros.collect.bag import BagEpisodes, BagError, episodes_of_bag
+from cmifs_ros.collect.discount import Discount, in_words
 from cmifs_ros.collect.episodes import file as episode_file
 from cmifs_ros.collect.episodes.episode_check import problems_of_episodes
 from cmifs_ros.collect.episodes.reward_check import problem_of_rewards
-from cmifs_ros.collect.robot_file.reader import RobotFile, RobotFileError, load_robot_file
+from cmifs_ros.collect.pooling import Pool, pooled
+from cmifs_ros.collect.robot_file import RobotFile, RobotFileError, load_robot_file
+from cmifs_ros.collect.robot_file.model import SOURCES
 from cmifs_ros.collect.selection_fields import fields_of
-from cmifs_ros.core.words import counted
+from cmifs_ros.collect.sensor_groups import groups_by_name
+from cmifs_ros.core import ConditionalMISelector
+from cmifs_ros.core.selection import Selection, select
+from cmifs_ros.core.statuses import DISPENSABLE
+from cmifs_ros.core.words import counted, first
 
-from .arguments import file_to_write, folder_to_write, number_from
+from .arguments import between, file_to_write, folder_to_write, home_path, number_from
 from .program import CommandError, exit_code
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the command; return its exit code."""
     parser = argparse.ArgumentParser('select_from_bag', description=__doc__)
-    parser.add_argument('bags', nargs='+', metavar='BAG', help='files or folders; they are pooled')
+    parser.add_argument(
+        'bags', nargs='+', type=home_path, metavar='BAG', help='files or folders; they are pooled'
+    )
     parser.add_argument(
         '--robot', metavar='FILE', help='the robot file; without, bags hold state and reward'
     )
@@ -43,6 +52,25 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument(
         '--num-features', type=number_from(1), metavar='N',
         help='sensors to select (default: as many as there is evidence for)',
+    )  # fmt: skip
+    parser.add_argument(
+        '--topics', type=file_to_write, metavar='FILE',
+        help='write the topics worth recording, as arguments of `ros2 bag record`',
+    )  # fmt: skip
+    parser.add_argument(
+        '--source', choices=SOURCES,
+        help='what tells which robot or recording an episode is of (default: as the robot file '
+        'says, else none)',
+    )  # fmt: skip
+    discount = parser.add_mutually_exclusive_group()
+    discount.add_argument(
+        '--gamma', type=between(0, 1), metavar='G',
+        help='discount factor of a step: a reward k steps later counts gamma ** k',
+    )  # fmt: skip
+    discount.add_argument(
+        '--half-life', type=between(0, 1e9), metavar='S',
+        help='seconds after which a reward counts half, in place of gamma (default of both: as the '
+        'robot file says, else gamma 0.95)',
     )  # fmt: skip
     where = parser.add_mutually_exclusive_group()
     where.add_argument(
@@ -66,14 +94,17 @@ def _run(options: argparse.Namespace) -> None:
 
     try:
         robot = load_robot_file(options.robot) if options.robot else None
+        if options.topics and robot is None:
+            raise CommandError('--topics needs --robot, which tells the topics of the channels')
         with backend(options.scheduler):
-            bags = _read(options.bags, robot, options)
-            _select(bags, robot, options)
+            _select(_read(options.bags, robot, options), robot, options)
     except (BagError, RobotFileError, OSError) as error:
         raise CommandError(str(error)) from error
 
 
-def _read(paths: list[str], robot: RobotFile | None, options) -> list[BagEpisodes]:
+def _read(
+    paths: list[Path], robot: RobotFile | None, options: argparse.Namespace
+) -> list[BagEpisodes]:
     from tqdm import tqdm
 
     if not options.scheduler and (options.jobs == 1 or len(paths) == 1):
@@ -86,7 +117,7 @@ def _read(paths: list[str], robot: RobotFile | None, options) -> list[BagEpisode
         from joblib import Parallel, delayed
 
         read = Parallel(options.jobs, return_as='generator')(
-            delayed(episodes_of_bag)(Path(path).absolute(), robot) for path in paths
+            delayed(episodes_of_bag)(path.absolute(), robot) for path in paths
         )
         found = tqdm(read, total=len(paths), unit=' bags', disable=None, leave=False)
     bags = []
@@ -98,47 +129,74 @@ def _read(paths: list[str], robot: RobotFile | None, options) -> list[BagEpisode
         print(f'{path}: {", ".join(said)}')
         for cause, count in bag.dropped.items():
             print(f'  dropped {count}: {cause}')
-        with_episodes = [b for b in bags if b.episodes]
-        if bag.episodes and bag.channel_names != with_episodes[0].channel_names:
-            raise BagError(f'{path} has other channels than the bags before it; expected the same')
+        if bag.unreadable:
+            unreadable = [f'{topic} ({why})' for topic, why in bag.unreadable.items()]
+            print(f'  cannot be read: {first(unreadable)}')
     return bags
 
 
-def _select(bags: list[BagEpisodes], robot: RobotFile | None, options) -> None:
+def _select(bags: list[BagEpisodes], robot: RobotFile | None, options: argparse.Namespace) -> None:
     from joblib import Parallel, delayed
 
-    from cmifs_ros.core.selection import select
-
-    from .html_report import write_report
-    from .ranking import draw_ranking, ranking_text
-
-    episodes = [episode for bag in bags for episode in bag.episodes]
+    pool = pooled(list(zip(options.bags, bags, strict=True)), options.source or _source(robot))
     problems = problems_of_episodes(
-        [len(episode) for episode in episodes],
+        [len(episode) for episode in pool.episodes],
         sum(bag.num_cut for bag in bags),
         sum(bag.num_open_steps for bag in bags),
     )
-    if len(episodes) < 2:
-        raise BagError('; '.join(problems))
-    for problem in problems:
+    if len(pool.episodes) < 2:
+        raise BagError('; '.join([*pool.notes, *problems]))
+    for problem in (*pool.notes, *problems):
         print(f'warning: {problem}')
-    names = next(bag.channel_names for bag in bags if bag.episodes)
-    problem = problem_of_rewards(episodes)
+    problem = problem_of_rewards(pool.episodes)
     if problem:
         raise CommandError(problem)
     settings = {'num_features': options.num_features, 'n_jobs': os.cpu_count()}
-    if robot and robot.groups:
-        settings['groups'] = robot.groups
-    among = f'{counted(len(names), "channel")} from {counted(len(episodes), "episode")}'
-    print(f'selecting among {among} ...', flush=True)
+    settings['groups'] = groups_by_name(pool.channel_names)
+    settings['gamma'] = _gamma(pool, robot, options)
+    among = f'{counted(len(pool.channel_names), "channel")} from '
+    print(f'selecting among {among}{counted(len(pool.episodes), "episode")} ...', flush=True)
     try:
         # A single job: without a cluster, joblib does it in this process.
         job = delayed(select)(
-            episodes, names, 'conditional_mi', settings, num_halves=options.stability
-        )
+            pool.episodes, pool.channel_names, 'conditional_mi', settings,
+            num_halves=options.stability,
+        )  # fmt: skip
         (selection,) = Parallel(1)([job])
     except ValueError as error:  # of the settings or the episodes
         raise CommandError(str(error)) from error
+    dropped = sum((Counter(bag.dropped) for bag in bags), Counter())
+    _write(selection, pool, dropped, robot, options)
+
+
+def _source(robot: RobotFile | None) -> str:
+    return robot.source if robot else SOURCES[0]
+
+
+def _gamma(pool: Pool, robot: RobotFile | None, options: argparse.Namespace) -> float:
+    """Return the discount factor of a step, and say what it means."""
+    discount = (robot and robot.discount) or Discount(ConditionalMISelector().gamma)
+    if options.gamma or options.half_life:
+        discount = Discount(options.gamma, options.half_life)
+    step = 1 / robot.rate if robot and robot.rate else pool.step_seconds
+    try:
+        gamma = discount.per_step(step)
+    except ValueError as error:
+        raise CommandError(str(error)) from None
+    print(f'discount: {in_words(gamma, step)}')
+    return gamma
+
+
+def _write(
+    selection: Selection,
+    pool: Pool,
+    dropped: Counter[str],
+    robot: RobotFile | None,
+    options: argparse.Namespace,
+) -> None:
+    from .html_report import write_report
+    from .ranking import draw_ranking, ranking_text
+
     print(f'\n{ranking_text(selection)}\n')
     print(f'selected: {", ".join(selection.names) or "nothing"} ({selection.seconds:.1f} s)')
     options.out.mkdir(parents=True, exist_ok=True)
@@ -148,14 +206,28 @@ def _select(bags: list[BagEpisodes], robot: RobotFile | None, options) -> None:
     if options.episodes_file:
         # A selector that starts with a selection of nothing would publish nothing.
         kept = selection if selection.indices else None
-        saved = episode_file.Saved(names, episodes, kept, time.time())
+        saved = episode_file.Saved(pool.channel_names, pool.episodes, kept, time.time())
         options.episodes_file.parent.mkdir(parents=True, exist_ok=True)
         episode_file.write(options.episodes_file, saved)
         written.append(options.episodes_file)
+    if options.topics:
+        options.topics.parent.mkdir(parents=True, exist_ok=True)
+        options.topics.write_text(_record_arguments(selection, robot) + '\n')
+        written.append(options.topics)
     if options.report:
-        dropped = sum((Counter(bag.dropped) for bag in bags), Counter())
-        written.append(write_report(options.report, selection, episodes, names, dropped))
+        written.append(
+            write_report(options.report, selection, pool.episodes, pool.channel_names, dropped)
+        )
     print(f'written: {", ".join(map(str, written))}')
+
+
+def _record_arguments(selection: Selection, robot: RobotFile) -> str:
+    """Return what `ros2 bag record` takes to record all but what is dispensable."""
+    worth = [sensor for sensor in selection.sensors if sensor.status != DISPENSABLE]
+    channels = [channel for sensor in worth for channel in sensor.channels]
+    topics = robot.topics_for(channels)
+    hidden = ['--include-hidden-topics'] if any('/_' in topic for topic in topics) else []
+    return ' '.join([*hidden, '--topics', *topics])
 
 
 if __name__ == '__main__':

@@ -71,7 +71,7 @@ def state_of(robot, message):
     sampler.add('/t', message, 9 * SECOND)
     sampler.flush()
     assert not sampler.wrong
-    stamp, state = sampler._left
+    stamp, state = sampler._left[:2]
     return stamp, list(state)
 
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from std_msgs.msg import Header
 
+from cmifs_ros.collect.discount import Discount
 from cmifs_ros.collect.episodes.pairing import RewardSample
 from cmifs_ros.collect.episodes.reward_reader import RewardReader
 from cmifs_ros.ros import conversions
@@ -12,11 +13,11 @@ from cmifs_ros.ros import conversions
 def test_rewards_survive_the_round_trip():
     sample = RewardSample(2.5, True, False, 12, 3)
     msg = conversions.reward_sample_to_msg(Header(), sample, action=1)
-    assert RewardReader().read(msg.name, msg.position) == sample
+    assert RewardReader().sample_of(msg.name, msg.position) == sample
 
 
 def test_only_the_reward_is_required():
-    assert RewardReader().read(['reward'], array('d', [2])) == RewardSample(2.0)
+    assert RewardReader().sample_of(['reward'], array('d', [2])) == RewardSample(2.0)
 
 
 @pytest.mark.parametrize(
@@ -32,7 +33,7 @@ def test_only_the_reward_is_required():
 )
 def test_an_unusable_reward_is_refused_by_name(names, values, message):
     with pytest.raises(ValueError, match=message):
-        RewardReader().read(names, array('d', values))
+        RewardReader().sample_of(names, array('d', values))
 
 
 def test_fields_may_change_their_order_and_come_and_go():
@@ -43,9 +44,20 @@ def test_fields_may_change_their_order_and_come_and_go():
         (['reward', 'other', 'truncated'], [6, 7, 1], RewardSample(6.0, truncated=True)),
         (['reward'], [8], RewardSample(8.0)),
     ):
-        assert reader.read(names, array('d', values)) == sample
+        assert reader.sample_of(names, array('d', values)) == sample
 
 
 def test_huge_rewards_are_finite_though_their_sum_is_not():
-    sample = RewardReader().read(['reward', 'action', 'step'], array('d', [1e308, 1e308, 1]))
+    sample = RewardReader().sample_of(['reward', 'action', 'step'], array('d', [1e308, 1e308, 1]))
     assert sample == RewardSample(1e308, step=1)
+
+
+def test_a_discount_may_stand_beside_the_reward():
+    reader = RewardReader()
+    for names, values, discount in (
+        (['reward'], [1], None),
+        (['reward', 'half_life'], [1, 20], Discount(half_life=20.0)),
+        (['gamma', 'reward'], [0.9, 1], Discount(0.9)),
+    ):
+        assert reader.sample_of(names, array('d', values)).reward == 1
+        assert reader.discount == discount

@@ -27,6 +27,7 @@ channels:
   radio: {path: /radio.data, max_age: 5.0}
 reward: "x - before(x) + 10 * succeeded"
 episode: {action: /go}
+discount: {half_life: 2.0}
 """
 CHANNELS = ['x', 'yaw.sin', 'yaw.cos', 'scan[0]', 'scan[4]', 'scan[8]', 'radio']
 BEST_EFFORT = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -90,14 +91,16 @@ class Drive:
 def test_a_robot_of_its_own_topics_gives_episodes_and_groups(start, robot, robot_file):
     sampler = start('sampler_node', robot_file=robot_file)
     start('selector_node', selection_period=0.0, min_episodes=3, num_features=4)
-    states = []
+    states, rewards = [], []
     robot.node.create_subscription(JointState, 'state', states.append, 10)
+    robot.node.create_subscription(JointState, 'reward', rewards.append, 10)
     robot.until(lambda: {'sampler: steps', 'selector: input'} <= robot.diagnostics.keys())
     assert robot.diagnostics['sampler: steps'][0] == WARN
     assert 'nobody publishes it' in robot.diagnostics['sampler: /odom'][1]
     Drive(robot)  # Its publishers come after the sampler.
     robot.until(lambda: robot.value('episodes') >= 5, 60)
     assert list(states[-1].name) == CHANNELS
+    assert dict(zip(rewards[-1].name, rewards[-1].position, strict=True))['half_life'] == 2
     assert states[-1].position[4:6] == pytest.approx([states[-1].position[3], 8])
     assert hypot(*states[-1].position[1:3]) == pytest.approx(1)
     refusal = robot.set_parameter('num_features', 5)
@@ -272,3 +275,73 @@ def test_who_is_behind_with_receiving_takes_the_simulated_time_at_which_each_cam
     for message in states:
         if time(message) > begin:
             assert message.position[0] == time(message) // 10**8 - 1
+
+
+def test_a_simulation_that_is_reset_gives_steps_in_each_run(start, robot, tmp_path):
+    path = tmp_path / 'robot.yaml'
+    path.write_text(
+        'step: {rate: 10.0}\nchannels: {x: /odom.pose.pose.position.x}\nreward: x\n'
+        'episode: {steps: 10}\n'
+    )
+    node, steps = robot.node, []
+    clock = node.create_publisher(Clock, '/clock', 1000)
+    odom = node.create_publisher(Odometry, '/odom', 1000)
+    node.create_subscription(JointState, 'reward', lambda m: steps.append(list(m.position)), 1000)
+    start('sampler_node', robot_file=path, use_sim_time=True)
+
+    def publish(step):
+        stamp = Time(nanoseconds=step * 10**8 + 5 * 10**7).to_msg()
+        clock.publish(Clock(clock=stamp))
+        message = Odometry()
+        message.header.stamp = stamp
+        message.pose.pose.position.x = float(step)
+        odom.publish(message)
+
+    def of(run):
+        backs = [i for i in range(1, len(steps)) if steps[i][0] < steps[i - 1][0]]
+        return steps[backs[-1] :] if len(backs) == run else []
+
+    first = itertools.count()
+    robot.until(lambda: publish(next(first)) or steps)  # Both are heard.
+    for run in range(1, 4):
+        for step in range(70):
+            publish(step)
+        robot.until(lambda run=run: len(of(run)) >= 50)
+    # Ten in a row of an episode, of which each reaches what was published of it.
+    found = of(3)[:10]
+    assert found == [[float(n), 0, float(n == 10), found[0][3], n - 1] for n in range(1, 11)]
+
+
+def test_the_last_goal_of_a_robot_that_falls_silent_has_its_end(start, robot, tmp_path):
+    path = tmp_path / 'robot.yaml'
+    path.write_text(
+        'step: {rate: 10.0}\nchannels: {a: /a.data}\nreward: 10 * succeeded\n'
+        'episode: {action: /go}\n'
+    )
+    node, ends = robot.node, []
+    status = node.create_publisher(
+        GoalStatusArray, '/go/_action/status', qos_profile_action_status_default
+    )
+    number = node.create_publisher(Float32, '/a', 10)
+    steps = []
+
+    def take(message):
+        sample = dict(zip(message.name, message.position, strict=True))
+        (ends if sample['terminated'] else steps).append(sample)
+
+    node.create_subscription(JointState, 'reward', take, 10)
+    start('sampler_node', robot_file=path)
+    robot.until(lambda: number.get_subscription_count() and status.get_subscription_count())
+    status.publish(GoalStatusArray(status_list=[GoalStatus(status=2)]))
+    timer = node.create_timer(0.05, lambda: number.publish(Float32(data=1.0)))
+    robot.until(lambda: len(steps) > 5)
+    node.destroy_timer(timer)
+    status.publish(GoalStatusArray(status_list=[GoalStatus(status=4)]))
+    robot.until(lambda: ends)
+    assert [sample['reward'] for sample in ends] == [10]
+
+
+def test_a_lateness_that_is_none_ends_it(start, robot_file):
+    sampler = start('sampler_node', robot_file=robot_file, max_lateness=-1.0)
+    assert sampler.process.wait(20) == 2
+    assert 'max_lateness is -1.0; expected seconds, 0 or more' in sampler.output

@@ -45,7 +45,7 @@ class Listener:
     def _on_reward(self, msg):
         self.reward_names.add(tuple(msg.name))
         stamp = conversions.stamp_to_nanoseconds(msg.header.stamp)
-        sample = self.reward_reader.read(*conversions.named_values(msg))
+        sample = self.reward_reader.sample_of(*conversions.named_values(msg))
         self.episodes += self.assembler.add_reward(stamp, sample)
 
 

@@ -10,12 +10,10 @@ from hypothesis import strategies as st
 pytest.importorskip('rosbags', reason='rosbags is not here')
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-from streams import ROBOTS, STATUS, arrivals, as_message, streams
+from streams import ROBOTS, STATUS, arrivals, as_message, collected, streams
 
 from cmifs_ros.collect.bag import episodes_of_bag
-from cmifs_ros.collect.episodes.pairing import EpisodeAssembler
 from cmifs_ros.collect.robot_file.reader import parse_robot_file
-from cmifs_ros.collect.sampling.sampler import Sampler
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 for kind, field in (('Value', 'float64 data'), ('Rays', 'float64[] data')):
@@ -67,20 +65,13 @@ def write(path, arrived, topics, storage):
 def test_a_bag_gives_the_episodes_of_the_node(tmp_path_factory, sent, robot, seed, storage):
     random = Random(seed)
     path = tmp_path_factory.mktemp('bags') / 'bag'
-    write(path, arrivals(sent, robot.topics, random), robot.topics, storage)
-    sampler, assembler = Sampler(robot), EpisodeAssembler(1000)
-    steps, episodes = [], []
-    for received, topic, message in arrivals(sent, robot.topics, random):
-        steps += sampler.add(topic, as_message(topic, message), received)
-    for step in steps + sampler.flush():
-        episodes += assembler.add_state(step.stamp, list(robot.channel_names), step.state)
-        episodes += assembler.add_reward(step.stamp, step.sample)
+    live = collected(robot, arrivals(sent, robot.topics, random))
+    in_time = [a for a in arrivals(sent, robot.topics, random) if id(a[2]) not in live.late]
+    write(path, in_time, robot.topics, storage)
     bag = episodes_of_bag(path, robot)
-    assert [e.states.tobytes() for e in bag.episodes] == [e.states.tobytes() for e in episodes]
-    assert [e.rewards.tobytes() for e in bag.episodes] == [e.rewards.tobytes() for e in episodes]
-    for topic, count in sampler.late.items():
-        assert bag.dropped[f'late messages of {topic}'] == count
-    assert bag.num_messages == sum(sampler.received.values())
+    assert [(e.states.tobytes(), e.rewards.tobytes()) for e in bag.episodes] == live.episodes
+    assert bag.num_messages + len(live.late) == live.received
+    assert not any(what.startswith('late') for what in bag.dropped)
 
 
 @pytest.mark.parametrize('has_clock', [True, False])

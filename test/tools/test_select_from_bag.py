@@ -11,11 +11,13 @@ import numpy as np
 import pytest
 
 pytest.importorskip('rosbags', reason='rosbags is not here')
-from bags import ROBOT, episodes_of, write_bag, write_states_and_rewards
+from bags import ROBOT, STORE, episodes_of, write_bag, write_states_and_rewards
+from rosbags.rosbag2 import StoragePlugin, Writer
 
 from cmifs_ros.collect.bag import BagError, episodes_of_bag, open_bag
 from cmifs_ros.collect.episodes.file_reader import read_episodes
 from cmifs_ros.collect.robot_file.reader import parse_robot_file
+from cmifs_ros.core import ConditionalMISelector
 from cmifs_ros.tools.make_robot_file import main as make_robot_file
 from cmifs_ros.tools.select_from_bag import main
 
@@ -45,35 +47,6 @@ def test_a_bag_gives_the_episodes_that_were_written(tmp_path, storage, compressi
         np.testing.assert_array_equal(episode.states, states)
         np.testing.assert_array_equal(episode.rewards, rewards)
     assert bag.num_messages == 3 * 42
-
-
-def test_chunks_of_mcap_may_be_compressed_with_lz4(tmp_path):
-    """The file is written anew by mcap's own writer: rosbags writes no lz4."""
-    pytest.importorskip('mcap', reason='mcap is not here')
-    from mcap.reader import make_reader
-    from mcap.writer import CompressionType, Writer
-
-    expected = episodes_of(*write_bag(tmp_path / 'bag', 42))
-    path = tmp_path / 'again.mcap'
-    with file_of(tmp_path / 'bag').open('rb') as source, path.open('wb') as target:
-        writer = Writer(target, chunk_size=2000, compression=CompressionType.LZ4)
-        writer.start('ros2')
-        channels = {}
-        for schema, channel, message in make_reader(source).iter_messages():
-            if channel.id not in channels:
-                number = writer.register_schema(schema.name, schema.encoding, schema.data)
-                channels[channel.id] = writer.register_channel(
-                    channel.topic, channel.message_encoding, number, channel.metadata
-                )
-            writer.add_message(
-                channels[channel.id], message.log_time, message.data, message.publish_time
-            )
-        writer.finish()
-    assert b'lz4' in path.read_bytes()
-    bag = episodes_of_bag(path, parse_robot_file(ROBOT))
-    for episode, (states, rewards) in zip(bag.episodes, expected, strict=True):
-        np.testing.assert_array_equal(episode.states, states)
-        np.testing.assert_array_equal(episode.rewards, rewards)
 
 
 def test_several_bags_are_pooled_and_everything_is_written(tmp_path, robot, capsys):
@@ -120,6 +93,63 @@ def test_a_reward_that_is_always_the_same_is_told(tmp_path, capsys):
     file.write_text(ROBOT.replace('reward: pay', 'reward: "2"'))
     assert main([str(tmp_path / 'bag'), '--robot', str(file), '--out', str(tmp_path)]) == 1
     assert 'every reward is 2, in all 10 episodes: no return differs' in capsys.readouterr().err
+
+
+def test_what_is_worth_recording_is_written_as_arguments(tmp_path, robot):
+    write_bag(tmp_path / 'bag', 300)
+    file = tmp_path / 'robot.yaml'
+    # A sensor that is a worse copy of the pay's cause, and one that says nothing, on own topics.
+    file.write_text(ROBOT.replace('channels:', 'channels:\n  ray: "/scan.ranges[0:2]"'))
+    topics = tmp_path / 'new' / 'topics'
+    options = ['--robot', str(file), '--out', str(tmp_path), '--topics', str(topics)]
+    assert main([str(tmp_path / 'bag'), *options]) == 0
+    selection = json.loads((tmp_path / 'selection.json').read_text())
+    status = {sensor['name']: sensor['status'] for sensor in selection['sensors']}
+    assert (status['x'], status['ray']) == ('confirmed', 'rejected')
+    expected = {'/pose', '/pay'} | ({'/noise'} if status['noise'] != 'rejected' else set())
+    mark, *named = topics.read_text().split()
+    assert (mark, set(named)) == ('--topics', expected)
+
+
+def test_topics_cannot_be_told_without_a_robot_file(tmp_path, capsys):
+    assert main(['bag', '--topics', str(tmp_path / 'topics')]) == 1
+    assert '--topics needs --robot' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ('line', 'options', 'said'),
+    [
+        ('', (), 'gamma 0.95 a step of 0.1 s'),
+        ('', ('--gamma', '1'), 'gamma 1 a step of 0.1 s: rewards count in full'),
+        ('', ('--half-life', '0.2'), 'gamma 0.7071 a step of 0.1 s: half of a reward counts after '
+         '2 steps, 0.2 s'),
+        ('discount: {half_life: 0.1}', (), 'gamma 0.5 a step of 0.1 s'),
+        ('discount: {half_life: 0.1}', ('--gamma', '0.8'), 'gamma 0.8 a step of 0.1 s'),
+    ],
+)  # fmt: skip
+def test_the_discount_is_said_and_used(tmp_path, capsys, line, options, said):
+    write_bag(tmp_path / 'bag', 60)
+    file = tmp_path / 'robot.yaml'
+    file.write_text(f'{ROBOT}{line}\n')
+    path = str(tmp_path / 'bag')
+    assert main([path, '--robot', str(file), '--out', str(tmp_path), *options]) == 0
+    assert f'discount: {said}' in capsys.readouterr().out
+    scores = json.loads((tmp_path / 'selection.json').read_text())['scores']
+    bag = episodes_of_bag(path, parse_robot_file(ROBOT))
+    gamma = float(re.search(r'gamma ([\d.]+)', said)[1])
+    gamma = 0.5**0.5 if gamma == 0.7071 else gamma
+    selector = ConditionalMISelector(gamma=gamma).fit(bag.episodes, bag.channel_names)
+    np.testing.assert_allclose(scores, selector.scores_, rtol=1e-6)
+
+
+def test_a_half_life_that_no_step_fits_in_is_refused(tmp_path, robot, capsys):
+    write_bag(tmp_path / 'bag', 60)
+    options = ['--robot', robot, '--out', str(tmp_path), '--half-life', '1e-6']
+    assert main([str(tmp_path / 'bag'), *options]) == 1
+    assert (
+        'leaves nothing of a reward after a step of 0.1 s; expected a longer one'
+        in capsys.readouterr().err
+    )
 
 
 def test_jobs_change_nothing(tmp_path, robot):
@@ -231,6 +261,24 @@ def test_a_topic_that_the_bag_lacks_is_an_error(tmp_path, capsys):
     assert 'lacks /battery of the robot file; it has /arm, /noise' in capsys.readouterr().err
 
 
+def test_a_relative_name_means_the_topic_in_whatever_namespace_it_was_recorded(tmp_path):
+    expected = episodes_of(*write_bag(tmp_path / 'bag', 42))
+    for space in ('', '/robot1'):
+        path = tmp_path / f'bag{len(space)}'
+        with open_bag(tmp_path / 'bag') as reader, Writer(
+            path, version=9, storage_plugin=StoragePlugin.MCAP
+        ) as writer:  # fmt: skip
+            topics = {
+                topic: writer.add_connection(space + topic, info.msgtype, typestore=STORE)
+                for topic, info in reader.topics.items()
+            }
+            for connection, time, data in reader.messages(reader.topics):
+                writer.write(topics[connection.topic], time, data)
+        bag = episodes_of_bag(path, parse_robot_file(ROBOT.replace(' /', ' ')))
+        assert len(bag.episodes) == len(expected) == 7
+        np.testing.assert_array_equal(bag.episodes[6].states, expected[6][0])
+
+
 def test_a_type_that_the_bag_does_not_have_is_an_error(tmp_path, capsys):
     write_bag(tmp_path / 'bag', 42)
     file = tmp_path / 'robot.yaml'
@@ -254,8 +302,6 @@ def test_a_field_that_a_message_lacks_is_named(tmp_path):
 
 def changed(path, change):
     """Write a bag anew with other bytes, by topic and bytes, and return its path."""
-    from rosbags.rosbag2 import StoragePlugin, Writer
-
     again = path.with_name('changed')
     with open_bag(path) as reader, Writer(
         again, version=9, storage_plugin=StoragePlugin.MCAP
@@ -264,7 +310,7 @@ def changed(path, change):
             c.topic: writer.add_connection(c.topic, c.msgtype, typestore=reader.typestore)
             for c in reader.connections
         }
-        for connection, time, data in reader.messages():
+        for connection, time, data in reader.messages(reader.topics):
             writer.write(topics[connection.topic], time, change(connection.topic, bytes(data)))
     return again
 
@@ -328,6 +374,34 @@ def test_a_bag_of_states_and_rewards_needs_no_robot_file(tmp_path):
         np.testing.assert_array_equal(episode.rewards, rewards)
 
 
+def test_states_and_rewards_of_a_bag_are_no_sensors(tmp_path, capsys):
+    rng = np.random.default_rng(0)
+    written = [(rng.normal(size=(5, 2)), rng.normal(size=5)) for _ in range(4)]
+    write_states_and_rewards(tmp_path / 'bag', written)
+    assert make_robot_file(['--bag', str(tmp_path / 'bag')]) == 0
+    text = capsys.readouterr().out
+    assert '# /robot/reward: a reward; not a sensor' in text
+    assert not re.search(r'(?m)^  \w+:', text)
+
+
+def test_channels_of_one_array_are_one_sensor_as_they_are_to_the_selector(tmp_path):
+    rng = np.random.default_rng(0)
+    written = [(rng.normal(size=(4, 3)), rng.normal(size=4)) for _ in range(30)]
+    write_states_and_rewards(tmp_path / 'bag', written, names=['x', 'scan[0]', 'scan[9]'])
+    assert main([str(tmp_path / 'bag'), '--out', str(tmp_path)]) == 0
+    selection = json.loads((tmp_path / 'selection.json').read_text())
+    assert set(selection['ranking']) == {'x', 'scan'}
+
+
+def test_a_bag_and_its_copy_count_once(tmp_path, robot, capsys):
+    write_bag(tmp_path / 'bag', 151)
+    write_bag(tmp_path / 'copy', 151)
+    bags = [str(tmp_path / 'bag'), str(tmp_path / 'copy')]
+    assert main([*bags, '--robot', robot, '--out', str(tmp_path)]) == 0
+    assert '25 of 25 episodes left out, as they were recorded twice' in capsys.readouterr().out
+    assert json.loads((tmp_path / 'selection.json').read_text())['episodes'] == 25
+
+
 def test_an_error_of_the_caller_is_not_blamed_on_the_bag(tmp_path):
     write_bag(tmp_path / 'bag', 42)
 
@@ -384,7 +458,7 @@ def test_a_robot_file_is_made_that_lacks_only_the_reward(tmp_path, capsys):
     (turn,) = (s for s in robot.sources if s.is_yaw)
     assert turn.path.fields == ('pose', 'orientation')
     assert len(paths) == len(robot.sources)
-    assert '/said (std_msgs/msg/String) has no numeric field' in text
+    assert "# /said is text: 'hello'\n" in text
     with pytest.raises(BagError, match='does not exist'), open_bag(tmp_path / 'nothing'):
         pass
 

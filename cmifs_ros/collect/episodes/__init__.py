@@ -1,1 +1,6 @@
 """From states and rewards to episodes: pairing, buffer, file, filter."""
+
+from .file_format import Saved
+from .file_reader import RefusedFileError, read_episodes
+
+__all__ = ['RefusedFileError', 'Saved', 'read_episodes']

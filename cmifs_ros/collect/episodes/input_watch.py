@@ -104,7 +104,7 @@ class InputWatch:
 
     def _counted(self) -> Counter:
         assembler = self._assembler
-        counts = assembler.dropped_messages + assembler.dropped_episodes
+        counts = assembler.dropped_messages + assembler.builder.dropped
         # If most states have no reward, rewards are rarer by design.
         if counts['state_without_reward'] >= assembler.num_transitions / 2 > 0:
             del counts['state_without_reward']
@@ -129,7 +129,7 @@ class InputWatch:
         if recent:
             return Assessment('WARN', 'drops', f'dropping: {self._words(recent)}')
         if not len(self._buffer):
-            steps = counted(self._assembler.num_open_steps, 'step')
+            steps = counted(self._assembler.builder.num_open_steps, 'step')
             return Assessment('OK', 'none', f'collecting; the first episode has {steps} so far')
         copies = self._buffer.num_repeated
         what = f'; {counted(copies, "repeated episode")} not kept' if copies else ''
@@ -172,17 +172,19 @@ class InputWatch:
             return []
         self._logged_at, self._logged_drops = now, counts
         numbers = ', '.join(f'{number} {cause}' for cause, number in new.items())
-        return [f'dropped {numbers}: {self._words(new)}']
+        lines = [f'dropped {numbers}: {self._words(new)}']
+        problem = self._assembler.builder.ends.problem()
+        return [*lines, problem] if problem else lines
 
     def _firsts(self) -> list[str]:
         lines = []
-        if self._assembler.num_cut and not self._said_cut:
+        if self._assembler.builder.num_cut and not self._said_cut:
             self._said_cut = True
             lines.append(
-                f'an episode was closed at step {self._assembler.max_episode_steps}, or because it '
-                'would exceed the memory: if episodes are longer, raise max_episode_steps or '
-                'max_buffer_mb; if they end earlier, set `terminated` or `truncated` in the reward '
-                'messages'
+                f'an episode was closed at step {self._assembler.builder.max_episode_steps}, or '
+                'because it would exceed the memory: if episodes are longer, raise '
+                'max_episode_steps or max_buffer_mb; if they end earlier, set `terminated` or '
+                '`truncated` in the reward messages'
             )
         if self._buffer.num_repeated and not self._said_repeated:
             self._said_repeated = True

@@ -1,4 +1,4 @@
-"""Pair states with rewards by their stamps and join the pairs to whole episodes.
+"""Pair states with rewards by their stamps, for episodes to be built of.
 
 Nothing here knows ROS: stamps are nanoseconds, and what is dropped is counted by cause, so
 that the node can report it and nothing disappears silently.
@@ -11,37 +11,16 @@ from collections import Counter
 from itertools import chain, takewhile
 from typing import NamedTuple
 
-import numpy as np
-
 from cmifs_ros.core import Episode
 from cmifs_ros.core.words import listed
 
+from .builder import EpisodeBuilder, RewardSample
 from .state_reader import StateReader, problem_of_state
 
 #: States or rewards that wait for their partner; as many as the subscriptions queue.
 MAX_PENDING = 1000
 #: Sets of channels with which states may come before the first reward.
 MAX_LAYOUTS = 8
-
-
-class RewardSample(NamedTuple):
-    """The reward of one step and what its publisher says of the step; None: says nothing."""
-
-    reward: float
-    terminated: bool | None = None
-    truncated: bool | None = None
-    episode: int | None = None
-    step: int | None = None
-
-    @property
-    def marks_ends(self) -> bool:
-        """Whether the publisher tells where an episode ends."""
-        return self.terminated is not None or self.truncated is not None
-
-    @property
-    def ends_episode(self) -> bool:
-        """Whether this is an episode's last step."""
-        return bool(self.terminated or self.truncated)
 
 
 class Transition(NamedTuple):
@@ -77,12 +56,9 @@ class EpisodeAssembler:
     """Build episodes from states and rewards that arrive as separate streams.
 
     A state and a reward belong together when their stamps are equal, or no further apart than
-    `stamp_tolerance`. Once a pair is complete,
-    older unpaired messages of either stream are lost and counted. An episode with a lost
-    transition is dropped, counted, and collecting goes on with the next one. A pair that is
-    older than the last one means that time was set back: the open episode is dropped. A single
-    message sent again or late changes nothing. Step 0 begins an episode; where nothing else tells
-    of ends, it ends the one before.
+    `stamp_tolerance`. Once a pair is complete, older unpaired messages of either stream are lost
+    and counted. A pair that is older than the last one means that time was set back: the open
+    episode is dropped. A single message sent again or late changes nothing.
 
     Several nodes may publish parts of a state, each with channels of its own. The channels are
     those of the state to which the first reward belongs, whichever part came first; of several
@@ -91,61 +67,48 @@ class EpisodeAssembler:
     Parameters
     ----------
     max_episode_steps : int
-        An episode that reaches this length is closed there as truncated.
-    max_episode_bytes : int, optional
-        So is one whose arrays would become larger than this; at least 1 MB.
+        See `EpisodeBuilder`.
 
     Attributes
     ----------
+    builder : EpisodeBuilder
+        Makes episodes of the pairs.
     reader : StateReader
         Knows the channels.
     stamp_tolerance : int
         Nanoseconds; more than half the time between two steps would mix them.
     num_transitions : int
         Pairs completed so far.
-    dropped_messages, dropped_episodes : collections.Counter
+    dropped_messages : collections.Counter
         How many were dropped, by cause.
     last_drops : dict of str to str
-        By cause, the most recent of them in words.
-    num_cut : int
-        Episodes closed at `max_episode_steps` or `max_episode_bytes`.
+        By cause, the most recent dropped message or episode in words.
 
     """
 
-    def __init__(self, max_episode_steps: int, max_episode_bytes: int = 2**62):
-        self.max_episode_steps = max_episode_steps
-        self.max_episode_bytes = max_episode_bytes
+    def __init__(self, max_episode_steps: int):
+        self.builder = EpisodeBuilder(max_episode_steps)
         self.stamp_tolerance = 0
         self.num_transitions = 0
-        self.num_cut = 0
         self.dropped_messages: Counter[str] = Counter()
-        self.dropped_episodes: Counter[str] = Counter()
-        self.last_drops: dict[str, str] = {}
+        self.last_drops = self.builder.last_drops
         self.reader = StateReader(self.drop_message)
         self.clear()
 
     def clear(self) -> None:
         """Forget the open episode, all that waits, and the channels; keep the counts."""
+        self.builder.clear()
         self.reader.clear()
         self._states = Waiting()
         self._first_states: dict[tuple[str, ...], Waiting] = {}  # while no channels are known
         self._rewards = Waiting()
         self._recent: dict[int, Transition] = {}
         self._last_paired: int | None = None
-        self._forget_open()
-        self._previous: RewardSample | None = None
-        self._skipping = False
-        self._was_cut = False
 
     @property
     def num_pending(self) -> int:
         """States and rewards that wait for their partner."""
         return sum(map(len, (self._states, self._rewards, *self._first_states.values())))
-
-    @property
-    def num_open_steps(self) -> int:
-        """Steps of the open episode."""
-        return len(self._open_rewards)
 
     @property
     def channel_names(self) -> tuple[str, ...] | None:
@@ -181,7 +144,7 @@ class EpisodeAssembler:
         """
         if self.channel_names is None:
             return self._add_first_state(stamp, names, values)
-        state = self.reader.read(names, values)
+        state = self.reader.state_of(names, values)
         stamp = self._partner_of(stamp, self._rewards)
         if state is None or not self._is_new(stamp, state, self._states, 'state'):
             return []
@@ -275,10 +238,10 @@ class EpisodeAssembler:
         transition = Transition(self._states.pop(stamp), self._rewards.pop(stamp))
         last = self._last_paired
         if stamp == last:
-            self._break_episode('equal_stamps', _equal_stamps('state', stamp))
+            self.builder.break_off('equal_stamps', _equal_stamps('state', stamp))
         elif last is not None and stamp < last:
             # A replayed bag or a reset simulation. A single message that is late is no reason.
-            self._break_episode('time_backwards', 'a transition is older than the one before')
+            self.builder.set_back()
             for old in [s for s in self._states if s > last]:
                 self._discard_state(old, 'state_without_reward')
             for old in [s for s in self._rewards if s > last]:
@@ -293,15 +256,13 @@ class EpisodeAssembler:
                 self._discard_reward(old, 'too_late')
                 continue
             sample = self._discard_reward(old, 'reward_without_state')
-            self._break_episode('lost_state', 'an episode has a reward without its state')
-            self._skipping = not sample.ends_episode
-            self._previous = sample
+            self.builder.skip(sample)
         self._last_paired = stamp
         self._recent[stamp] = transition
         if len(self._recent) > MAX_PENDING:
             del self._recent[next(iter(self._recent))]
         self.num_transitions += 1
-        return self._extend(transition)
+        return self.builder.add(transition.state, transition.sample, stamp)
 
     def _discard_state(self, stamp: int, cause: str, waiting: Waiting | None = None) -> None:
         del (self._states if waiting is None else waiting)[stamp]
@@ -311,80 +272,9 @@ class EpisodeAssembler:
         self.drop_message(cause, f'the reward at {stamp} ns has no usable state or came too late')
         return self._rewards.pop(stamp)
 
-    def _extend(self, transition: Transition) -> list[Episode]:
-        """Add a transition to the open episode, or begin one with it."""
-        sample, previous = transition.sample, self._previous
-        self._previous = sample
-        completed = []
-        if previous is not None and sample.episode != previous.episode:
-            if self._open_rewards and previous.marks_ends:
-                self._break_episode('lost_end', f'episode {previous.episode} ended unseen')
-            elif self._open_rewards:
-                completed.append(self._close())
-            self._skipping = False
-            self._was_cut = False
-        if self._open_rewards and sample.step == 0 and not previous.marks_ends:
-            completed.append(self._close())
-        if self._open_rewards and not _follows(sample, previous):
-            self._break_episode('step_gap', f'step {sample.step} came after step {previous.step}')
-
-        if self._open_rewards or self._may_begin(sample, previous):
-            self._open_states.extend(transition.state)
-            self._open_rewards.append(sample.reward)
-            self._skipping = self._was_cut = False
-        elif not self._skipping:
-            self._break_episode(
-                'joined_midway', f'an episode begins with step {sample.step}; expected 0'
-            )
-
-        if sample.ends_episode:
-            if self._open_rewards:
-                completed.append(self._close())
-            self._skipping = False
-        elif self._is_full(len(transition.state) + 1):
-            completed.append(self._close())
-            self._was_cut = True
-            self.num_cut += 1
-        return completed
-
-    def _may_begin(self, sample: RewardSample, previous: RewardSample | None) -> bool:
-        if sample.step is not None:
-            return sample.step == 0 or (self._was_cut and _follows(sample, previous))
-        tells_boundaries = sample.marks_ends or sample.episode is not None
-        return not (self._skipping and tells_boundaries)
-
-    def _break_episode(self, cause: str, what: str) -> None:
-        """Drop the episode under way; skip its rest."""
-        if not self._skipping:
-            self.dropped_episodes[cause] += 1
-            self.last_drops[cause] = what
-        self._forget_open()
-        self._skipping = True
-        self._was_cut = False
-
-    def _is_full(self, num_values: int) -> bool:
-        steps = len(self._open_rewards)
-        is_too_large = (steps + 1) * num_values * 8 > self.max_episode_bytes
-        return steps >= self.max_episode_steps or (steps > 0 and is_too_large)
-
-    def _close(self) -> Episode:
-        rewards = np.array(self._open_rewards)
-        episode = Episode(np.array(self._open_states).reshape(len(rewards), -1), rewards)
-        self._forget_open()
-        return episode
-
-    def _forget_open(self) -> None:
-        self._open_states, self._open_rewards = array('d'), array('d')
-
 
 def _equal_stamps(what: str, stamp: int) -> str:
     return (
         f'two different messages of {what} have the same stamp, {stamp} ns: each step needs one of '
         'its own, so a simulated clock has to tick at least once a step'
     )
-
-
-def _follows(sample: RewardSample, previous: RewardSample) -> bool:
-    if sample.step is None:
-        return True  # Without step numbers no gap can be seen.
-    return previous.step is not None and sample.step == previous.step + 1

@@ -5,6 +5,7 @@ from __future__ import annotations
 from array import array
 from math import isfinite
 
+from cmifs_ros.collect.discount import Discount
 from cmifs_ros.core.words import counted, listed
 
 from .pairing import RewardSample
@@ -13,14 +14,23 @@ from .pairing import RewardSample
 class RewardReader:
     """Read reward messages, whose fields mostly stand where they stood in the one before.
 
-    Only the field `reward` is required; those of other names than `RewardSample` has are ignored.
+    Only the field `reward` is required; those of other names than `RewardSample` and `Discount`
+    have are ignored.
+
+    Attributes
+    ----------
+    discount : Discount or None
+        That of the newest message, if it has one.
+
     """
 
     def __init__(self):
+        self.discount: Discount | None = None
         self._names: list[str] | None = None
         self._columns: list[int | None] = []
+        self._discount_columns: dict[str, int] = {}
 
-    def read(self, names: list[str], values: array) -> RewardSample:
+    def sample_of(self, names: list[str], values: array) -> RewardSample:
         """Return the sample of a message's names and values.
 
         Raises
@@ -38,6 +48,9 @@ class RewardReader:
                 raise ValueError(
                     f'fields are {listed(names) or "none"}; expected reward among them'
                 )
+            self._discount_columns = {
+                field: column_of[field] for field in ('gamma', 'half_life') if field in column_of
+            }
             self._columns = [column_of.get(field) for field in RewardSample._fields]
             self._names = names
         # One value that is not finite makes the sum so; finite ones do only if they are huge.
@@ -45,6 +58,8 @@ class RewardReader:
             for name, value in zip(names, values, strict=True):
                 if not isfinite(value):
                     raise ValueError(f'{listed([name])} is {value}; expected a finite number')
+        if self._discount_columns:
+            self.discount = Discount(**{f: values[c] for f, c in self._discount_columns.items()})
         reward, terminated, truncated, episode, step = self._columns
         return RewardSample(
             values[reward],

@@ -70,7 +70,7 @@ class StateReader:
         self._bounds: tuple[np.ndarray, np.ndarray] | None = None
         self._unseen: list[Sequence[float]] = []  # states that the bounds do not yet take in
 
-    def read(self, names: list[str], values: array) -> array | None:
+    def state_of(self, names: list[str], values: array) -> array | None:
         """Return the values in the order of the channels, or None if they cannot be used."""
         if len(names) != len(values) or not names:
             self._drop(*problem_of_state(names, values))

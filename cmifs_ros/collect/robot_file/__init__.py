@@ -1,5 +1,6 @@
 """The robot file: which of a robot's topics are channels, reward and ends of episodes."""
 
-from .reader import RobotFile, RobotFileError, load_robot_file, parse_robot_file
+from .model import RobotFile
+from .reader import RobotFileError, load_robot_file, parse_robot_file
 
 __all__ = ['RobotFile', 'RobotFileError', 'load_robot_file', 'parse_robot_file']

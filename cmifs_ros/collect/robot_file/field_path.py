@@ -1,6 +1,7 @@
 """Where a number lies in a message: `/topic.field.sub`, `[0:360:30]`, `{name,name}`.
 
-In the middle, `.status{left motor}.level` takes of an array of messages the one called so.
+In the middle, `.status{left motor}.level` takes of an array of messages the one called so, and
+`.poses[0].position` the first.
 
 Works on any object with the message's attributes, rclpy's and rosbags' alike.
 """
@@ -8,6 +9,7 @@ Works on any object with the message's attributes, rclpy's and rosbags' alike.
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from cmifs_ros.core.channel_names import MAX_CHANNELS, MAX_NAME_LENGTH
@@ -19,8 +21,12 @@ _MAX_INDEX = 10**7
 _MAX_TOPIC = 200
 
 _TOPIC = re.compile(r'/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*')
-_FIELD = re.compile(r'\.([A-Za-z][A-Za-z0-9_]*)(\{[^{}]+\}(?=\.))?')
+_FIELD = re.compile(r'\.([A-Za-z][A-Za-z0-9_]*)((?:\{[^{}]+\}|\[\d+\])(?=\.))?')
 _END = re.compile(r'(?:\[(\d+)\]|\[(\d*):(\d+)(?::(\d+))?\]|\{([^{}]+)\})?')
+
+
+#: Fields by which a message in an array may be called.
+KEYS = ('name', 'key', 'child_frame_id')
 
 
 class MissingFieldError(Exception):
@@ -35,11 +41,12 @@ class FieldPath:
     ----------
     topic : str
     fields : tuple of str
-        None for the message itself; `{text}` is the entry whose `name` or `key` is the text.
+        None for the message itself; `{text}` is the entry of an array that is called so, `[3]` the
+        one at that place.
     indices : tuple of int
         Of an array, in order.
     names : tuple of str
-        Entries of an array that the message's `name` array orders.
+        Entries of an array that an array of names beside it orders.
 
     """
 
@@ -60,14 +67,14 @@ class FieldPath:
 
     def __str__(self) -> str:
         """Return the path up to its last field."""
-        parts = (part if part.startswith('{') else f'.{part}' for part in self.fields)
+        parts = (part if part[0] in '{[' else f'.{part}' for part in self.fields)
         return self.topic + ''.join(parts)
 
-    def numbers(self, message) -> list[float]:
-        """Return the values in a message as numbers; see `read`."""
-        return [self.number(value) for value in self.read(message)]
+    def numbers_in(self, message) -> list[float]:
+        """Return the values in a message as numbers; see `values_in`."""
+        return [self.as_number(value) for value in self.values_in(message)]
 
-    def number(self, value) -> float:
+    def as_number(self, value) -> float:
         """Return a value that was read as a number.
 
         A `byte` is b'3' in rclpy and 3 in rosbags; text that is a number counts as one.
@@ -87,7 +94,7 @@ class FieldPath:
                 pass
         raise MissingFieldError(f'{self} is {described(value)}; expected {_remedy(value)}')
 
-    def read(self, message) -> list:
+    def values_in(self, message) -> list:
         """Return the values in a message, as many as `suffixes`.
 
         They are none if an array has no entry called so: the message is of other things.
@@ -98,26 +105,31 @@ class FieldPath:
             If the message lacks a field, an index or a name, or has no array where one is needed.
 
         """
-        parent = value = message
+        value = message
+        above: list = []
         for depth, field in enumerate(self.fields):
-            parent = value
-            if field.startswith('{'):
+            if field[0] in '{[':
                 FieldPath(self.topic, self.fields[:depth])._expect_array(value, field)
-                value = next((entry for entry in value if _called(entry) == field[1:-1]), None)
+                if field[0] == '[':
+                    (value,) = self._at(value, (int(field[1:-1]),))
+                    continue
+                value = _called(field[1:-1], value, above)
                 if value is None:
                     return []
                 continue
-            value = getattr(parent, field, None)
+            above.append(value)
+            value = getattr(value, field, None)
             if value is None:
-                expected = f'; expected one of {own}' if (own := _fields(parent)) else ''
+                own = _fields(above[-1])
+                expected = f'; expected one of {own}' if own else ''
                 raise MissingFieldError(f'{self.topic} has no field {field!r}{expected}')
         if self.names:
             self._expect_array(value, f'{{{",".join(self.names)}}}')
-            order = list(getattr(parent, 'name', ()))
-            if len(order) != len(value):
+            order = names_beside(value, above)
+            if order is None:
+                names = counted(len(getattr(above[-1], 'name', ())), 'name')
                 raise MissingFieldError(
-                    f'{self.topic} has {counted(len(value), "value")} for '
-                    f'{counted(len(order), "name")}'
+                    f'{self.topic} has {counted(len(value), "value")} for {names}'
                 )
             missing = [name for name in self.names if name not in order]
             if missing:
@@ -125,17 +137,50 @@ class FieldPath:
             return [value[order.index(name)] for name in self.names]
         if self.indices:
             self._expect_array(value, f'[{self.indices[0]}]')
-            if len(value) <= max(self.indices):
-                raise MissingFieldError(
-                    f'{self.topic} has {counted(len(value), "value")}; '
-                    f'expected more than {max(self.indices)}'
-                )
-            return [value[index] for index in self.indices]
+            return self._at(value, self.indices)
         return [value]
+
+    def _at(self, values, indices: Sequence[int]) -> list:
+        if len(values) <= max(indices):
+            raise MissingFieldError(
+                f'{self.topic} has {counted(len(values), "value")}; '
+                f'expected more than {max(indices)}'
+            )
+        return [values[index] for index in indices]
 
     def _expect_array(self, value, end: str) -> None:
         if isinstance(value, str) or not hasattr(value, '__len__'):
             raise MissingFieldError(f'{self} is {described(value)}; expected an array for {end}')
+
+
+def names_beside(values, above: Sequence) -> list[str] | None:
+    """Return the array of texts that names the values of another, such as JointState's `name`.
+
+    Parameters
+    ----------
+    values : sequence
+        An array of a message.
+    above : sequence
+        The messages around it, the innermost last: `joint_names` may stand beside what holds it.
+
+    """
+    for message in reversed(above):
+        if len(own := getattr(message, 'name', ())) == len(values) and not isinstance(own, str):
+            return list(own)
+        for field in _field_names(message):
+            names = getattr(message, field)
+            if field.endswith(('names', 'groups')) and len(names) == len(values) > 0:
+                return list(names)
+    return None
+
+
+def _called(text: str, entries: Sequence, above: Sequence):
+    """Return the message of an array that is called so, or None."""
+    for entry in entries:
+        if any(getattr(entry, key, None) == text for key in KEYS):
+            return entry
+    names = names_beside(entries, above)
+    return entries[names.index(text)] if names and text in names else None
 
 
 def described(value) -> str:
@@ -160,8 +205,12 @@ def _remedy(value) -> str:
 
 def _fields(message) -> str:
     """Return the names of a message's fields in words; constants are in capitals."""
+    return listed(_field_names(message))
+
+
+def _field_names(message) -> list[str]:
     names = [name for name in dir(message) if name == name.lower() and not name.startswith('_')]
-    return listed([name for name in names if not callable(getattr(message, name))])
+    return [name for name in names if not callable(getattr(message, name))]
 
 
 def parse_field_path(text: str) -> FieldPath:
@@ -210,10 +259,6 @@ def parse_field_path(text: str) -> FieldPath:
     if not all(names) or len(set(names)) < len(names):
         raise ValueError(f'{shown} has an empty or a repeated name in its braces')
     return FieldPath(topic[0], tuple(fields), tuple(indices), names, stop is not None)
-
-
-def _called(entry) -> str | None:
-    return getattr(entry, 'name', getattr(entry, 'key', None))
 
 
 def _checked_index(text: str) -> int:

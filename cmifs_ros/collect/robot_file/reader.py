@@ -1,31 +1,24 @@
-"""The robot file: which topics are channels, what pays, and when an episode ends.
-
-It is data. Every mistake is reported at once, with its line, what was found and what is expected.
-"""
+"""From YAML to a `RobotFile`: every mistake at once, with line, what was found and expected."""
 
 from __future__ import annotations
 
 import math
+import os
 import re
-from collections.abc import Collection
-from dataclasses import dataclass
 from pathlib import Path
 
 import yaml
 
-from cmifs_ros.collect.sensor_groups import groups_by_name
+from cmifs_ros.collect.discount import Discount
 from cmifs_ros.core.channel_names import problem_of_names
 from cmifs_ros.core.words import first
 
-from .expression import FUNCTIONS, Expression
-from .field_path import FieldPath, MissingFieldError, described, parse_field_path
+from .expression import Expression
+from .field_path import FieldPath, parse_field_path
+from .model import OWN_VALUES, RESERVED_NAMES, SOURCES, SUMMARIES, RobotFile, Source
 
 MAX_SIZE = 10**6
-#: Values that the sampler itself gives to expressions.
-OWN_VALUES = frozenset({'step', 'succeeded', 'aborted', 'canceled'})
-#: Names that mean something else in an expression.
-_TAKEN = OWN_VALUES | set(FUNCTIONS) | {'before'}
-STATUS = '/_action/status'
+_SOURCE_KEYS = ('path', 'as', 'max_age', 'inf', 'one_hot', 'over', 'type')
 _EXPECTED = 'expected a robot file; make_robot_file writes a first one'
 #: What a file must have, with an example.
 _NEEDED = {
@@ -34,6 +27,7 @@ _NEEDED = {
     'reward': 'what pays, such as reward: "before(distance) - distance"; make_robot_file leaves '
     'that to you, as a TODO',
 }
+_KEYS = ('step', 'channels', 'values', 'reward', 'episode', 'discount', 'source')
 _TYPE = re.compile(r'[a-z][a-z0-9_]*/msg/[A-Za-z][A-Za-z0-9]*')
 
 
@@ -42,155 +36,17 @@ _WHOLE = re.compile(r'[+-]?\d{1,18}')
 _WORD = re.compile(r'[A-Za-z_][^.\[\]]*')
 
 
-class UnlistedKindError(Exception):
-    """A message has a kind that `one_hot` does not list; the text says which."""
-
-
 class RobotFileError(ValueError):
     """A robot file cannot be used; the message has a line for each mistake."""
 
 
-@dataclass(frozen=True)
-class Source:
-    """A channel, a group of channels, or a value that is none.
-
-    Attributes
-    ----------
-    name : str
-    path : FieldPath
-    is_yaw : bool
-        The path is a quaternion; its values are the sine and the cosine of its yaw.
-    max_age : float
-        In seconds; `inf` for what is latched.
-    inf : str or None
-        Field of the message that stands for infinite values.
-    one_hot : tuple of str
-        The kinds that its value may be, whole numbers or words; a channel for each is 1 where it
-        is the value, and else 0.
-    is_channel : bool
-        False: for reward and ends only.
-
-    """
-
-    name: str
-    path: FieldPath
-    is_yaw: bool = False
-    max_age: float = 1.0
-    inf: str | None = None
-    one_hot: tuple[str, ...] = ()
-    is_channel: bool = True
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of its channels: `yaw.sin`, `scan[30]`, `pallet.2`; its own if it has one."""
-        parts = ('sin', 'cos') if self.is_yaw else self.one_hot
-        suffixes = tuple(f'.{part}' for part in parts) or self.path.suffixes
-        return tuple(self.name + suffix for suffix in suffixes)
-
-    def read(self, message) -> list[float]:
-        """Return its values in a message, as many as `names`, or none; see `FieldPath.read`.
-
-        Raises
-        ------
-        MissingFieldError
-        UnlistedKindError
-
-        """
-        if self.is_yaw:
-            return [part for q in self.path.read(message) for part in self._yaw(q)]
-        if self.one_hot:
-            return [part for kind in self.path.read(message) for part in self._one_hot(kind)]
-        values = self.path.numbers(message)
-        if self.inf is not None:
-            instead = FieldPath(self.path.topic, (self.inf,)).numbers(message)[0]
-            values = [instead if value == math.inf else value for value in values]
-        return values
-
-    def _one_hot(self, value) -> list[float]:
-        number = 0.5 if isinstance(value, str) else self.path.number(value)
-        kind = str(int(number) if number.is_integer() else value)
-        if kind not in self.one_hot:
-            raise UnlistedKindError(
-                f'{self.path} is {kind[:40]!r}; expected one of {first(self.one_hot)} (one_hot)'
-            )
-        return [float(kind == one) for one in self.one_hot]
-
-    def _yaw(self, q) -> tuple[float, float]:
-        if not all(hasattr(q, part) for part in 'wxyz'):
-            raise MissingFieldError(
-                f'{self.path} is {described(q)}; expected a quaternion of w, x, y, z for as: yaw'
-            )
-        sine = 2 * (q.w * q.z + q.x * q.y)
-        cosine = 1 - 2 * (q.y * q.y + q.z * q.z)
-        length = math.hypot(sine, cosine) or math.nan
-        return sine / length, cosine / length
-
-
-@dataclass(frozen=True)
-class RobotFile:
-    """What a robot file says.
-
-    Attributes
-    ----------
-    step_topic : str or None
-        A step at each of its messages, or
-    rate : float or None
-        so many a second.
-    sources : tuple of Source
-    reward, terminated, truncated : Expression, FieldPath or None
-        A path stands for what its topic says until the next step.
-    action : str or None
-        An episode is a goal of it.
-    steps : int or None
-        An episode is truncated after so many steps.
-    types : dict of str to str
-        Type by topic, where the file names one.
-
-    """
-
-    step_topic: str | None
-    rate: float | None
-    sources: tuple[Source, ...]
-    reward: Expression | FieldPath
-    terminated: Expression | FieldPath | None = None
-    truncated: Expression | FieldPath | None = None
-    action: str | None = None
-    steps: int | None = None
-    types: dict[str, str] | None = None
-
-    @property
-    def channel_names(self) -> tuple[str, ...]:
-        """The channels of a state, in order."""
-        return tuple(name for s in self.sources if s.is_channel for name in s.names)
-
-    @property
-    def groups(self) -> dict[str, tuple[str, ...]]:
-        """Sensors of several channels, by the rule by which the live selector finds them."""
-        return groups_by_name(self.channel_names)
-
-    @property
-    def topics(self) -> tuple[str, ...]:
-        """All topics that are needed, each once."""
-        paths = [s.path for s in self.sources]
-        paths += [p for p in (self.reward, self.terminated, self.truncated)
-                  if isinstance(p, FieldPath)]  # fmt: skip
-        own = [self.step_topic] if self.step_topic else []
-        own += [self.action + STATUS] if self.action else []
-        return tuple(dict.fromkeys(own + [path.topic for path in paths]))
-
-    def type_problem(self, topic: str, kinds: Collection[str]) -> str:
-        """Return what is wrong, or nothing, with a topic that has these types."""
-        said = (self.types or {}).get(topic)
-        if said is None or said in kinds:
-            return ''
-        return (
-            f'{topic} is of type {", ".join(sorted(kinds))}, not {said} as the robot file says: '
-            'correct or leave out that type'
-        )
-
-
 def load_robot_file(path: str | Path) -> RobotFile:
     """Read a robot file.
+
+    Parameters
+    ----------
+    path : path-like
+        `~` is the user's own folder.
 
     Raises
     ------
@@ -199,7 +55,7 @@ def load_robot_file(path: str | Path) -> RobotFile:
 
     """
     try:
-        with open(path, 'rb') as file:
+        with open(os.path.expanduser(path), 'rb') as file:
             content = file.read(MAX_SIZE + 1)
     except OSError as error:
         raise RobotFileError(f'{path} cannot be read ({error.strerror}); {_EXPECTED}') from None
@@ -309,7 +165,7 @@ class _Reader:
         if isinstance(node, yaml.ScalarNode):
             path = self._path(node, name)
             return path and self._checked(Source(name, path, is_channel=is_channel), node)
-        parts = self._mapping(node, name, ('path', 'as', 'max_age', 'inf', 'one_hot', 'type'))
+        parts = self._mapping(node, name, _SOURCE_KEYS)
         if 'path' not in parts:
             self._note(node, f'{name} has no path')
             return None
@@ -337,8 +193,28 @@ class _Reader:
                 'In reward and episode, compare the number: name == 2',
             )
             return None
-        source = Source(name, path, kind is not None, max_age, inf and inf.value, kinds, is_channel)
+        over = self._over(parts['over'], name) if 'over' in parts else ()
+        if over and (kind or kinds or (len(over) > 1 and len(path.suffixes) > 1)):
+            self._note(
+                node,
+                f'{name} has over; expected numbers, without as and one_hot, and for several '
+                'summaries a single value',
+            )
+        source = Source(
+            name, path, kind is not None, max_age, inf and inf.value, kinds, is_channel, over
+        )
         return self._checked(source, node)
+
+    def _over(self, node, name: str) -> tuple[str, ...]:
+        items = node.value if isinstance(node, yaml.SequenceNode) else [node]
+        found = tuple(item.value for item in items if isinstance(item, yaml.ScalarNode))
+        if len(found) < len(items) or not found or len(set(found) & set(SUMMARIES)) < len(found):
+            shown = f'[{first(found)}]' if isinstance(node, yaml.SequenceNode) else _shown(node)
+            self._note(
+                node, f'{name}.over is {shown}; expected one or some of {", ".join(SUMMARIES)}'
+            )
+            return ()
+        return found
 
     def _kinds(self, node, name: str) -> tuple[str, ...]:
         items = node.value if isinstance(node, yaml.SequenceNode) else []
@@ -373,13 +249,24 @@ class _Reader:
             self._note(step['type'], 'step.type stands without step.topic')
         return clock and clock.topic, rate
 
+    def _discount(self, node) -> Discount:
+        found = self._mapping(node, 'discount', ('gamma', 'half_life'))
+        if len(found) != 1:
+            self._note(node, 'discount has neither or both of gamma and half_life; expected one')
+        gamma = self._number(found.get('gamma'), 'discount.gamma', 0.0, 1.0)
+        if gamma == 0:
+            self._note(node, 'discount.gamma is 0; expected more, up to 1')
+        return Discount(
+            gamma, self._number(found.get('half_life'), 'discount.half_life', 0.001, 10**9)
+        )
+
     def _sources(self, top: dict) -> tuple[list[Source | None], set[str]]:
         """Return channels and values, None where one has a mistake, and the names of all."""
         sources, keys = [], set()
         for section, is_channel in (('channels', True), ('values', False)):
             if section in top:
                 for name, node in self._mapping(top[section], section, None).items():
-                    if name in _TAKEN:
+                    if name in RESERVED_NAMES:
                         self._note(
                             node, f'{section} has {name!r}, which has a meaning of its own in '
                             'expressions; expected another name',
@@ -392,7 +279,7 @@ class _Reader:
 
     def robot(self, root) -> RobotFile | None:
         """Read everything; None if a mistake leaves no robot."""
-        top = self._mapping(root, 'the file', ('step', 'channels', 'values', 'reward', 'episode'))
+        top = self._mapping(root, 'the file', _KEYS)
         for key, example in _NEEDED.items():
             if key not in top and root is not None:
                 line = max(root.end_mark.line, 1)
@@ -421,11 +308,16 @@ class _Reader:
         truncated = self._rule(episode.get('truncated'), 'episode.truncated', known)
         action = self._path(episode['action'], 'episode.action') if 'action' in episode else None
         steps = self._number(episode.get('steps'), 'episode.steps', 1, 10**6)
+        discount = self._discount(top['discount']) if 'discount' in top else None
+        source = top['source'].value if 'source' in top else SOURCES[0]
+        if source not in SOURCES:
+            expected = ', '.join(SOURCES)
+            self._note(top['source'], f'source is {_shown(top["source"])}; expected {expected}')
         if self.mistakes:
             return None
         return RobotFile(
             clock, rate, found, reward, terminated, truncated,
-            action and action.topic, steps and int(steps), self._types,
+            action and action.topic, steps and int(steps), self._types, discount, source,
         )  # fmt: skip
 
 

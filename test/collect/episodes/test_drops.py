@@ -8,7 +8,7 @@ from cmifs_ros.collect.episodes.drops import CAUSES
 
 ROOT = Path(__file__).resolve().parents[3]
 DROPPING = {
-    'drop_message', '_drop', '_break_episode', '_discard_state', '_discard_reward',
+    'drop_message', '_drop', 'break_off', '_discard_state', '_discard_reward',
     '_drop_first_states',
 }  # fmt: skip
 

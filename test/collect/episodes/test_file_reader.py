@@ -14,9 +14,8 @@ from hypothesis.extra import numpy as hnp
 from saved_episodes import ENOUGH, NAMES, SELECTION, episodes, same
 from selections import selection, sensor
 
+from cmifs_ros.collect.episodes import RefusedFileError, Saved, read_episodes
 from cmifs_ros.collect.episodes import file as episode_file
-from cmifs_ros.collect.episodes.file_format import Saved
-from cmifs_ros.collect.episodes.file_reader import RefusedFileError, read_episodes
 from cmifs_ros.collect.selection_fields import fields_of
 from cmifs_ros.core import Episode
 
@@ -76,6 +75,21 @@ def test_an_older_file_is_read_without_its_selection(tmp_path, version):
 def test_nothing_at_all_can_be_saved_too(tmp_path):
     episode_file.write(tmp_path / 'x', Saved(None, ()))
     assert read_episodes(tmp_path / 'x', **ENOUGH) == Saved(None, [])
+
+
+def test_without_bounds_all_is_read_and_the_path_may_begin_with_the_home_folder(
+    tmp_path, monkeypatch
+):
+    monkeypatch.setenv('HOME', str(tmp_path))
+    sent = episodes(150)
+    episode_file.write(tmp_path / 'saved', Saved(NAMES, sent, SELECTION, 12.5))
+    found = read_episodes('~/saved')
+    assert (found.channel_names, found.selection) == (NAMES, SELECTION)
+    assert len(found.episodes) == 150
+    assert all(map(same, found.episodes, sent))
+    (tmp_path / 'saved').write_text('no episodes')
+    with pytest.raises(ValueError, match=r'^~/saved is no episodes file'):
+        read_episodes('~/saved')
 
 
 @pytest.mark.parametrize('num_saved', [0, 4, 5])

@@ -61,21 +61,32 @@ def test_whole_episodes_come_out_as_they_went_in(fields):
         np.testing.assert_array_equal(episode.states[:, 0], episode.rewards)
         np.testing.assert_array_equal(episode.states[:, 1], -episode.rewards)
     assert not assembler.dropped_messages
-    assert not assembler.dropped_episodes
+    assert not assembler.builder.dropped
     assert assembler.num_transitions == 7
+
+
+@pytest.mark.parametrize('fields', [('ends', 'episode', 'step'), ('ends',), ('episode', 'step')])
+def test_the_stamps_of_episodes_and_the_time_between_steps_are_known(fields):
+    assembler = EpisodeAssembler(100)
+    assert np.isnan(assembler.builder.step_seconds)
+    assembler.builder.stamps = []
+    episodes = feed(assembler, stream([3, 1, 2], fields, period=10**8))
+    stamps = [s.tolist() for s in assembler.builder.stamps]
+    assert stamps == [((e.rewards + 1) * 10**8).tolist() for e in episodes]
+    assert assembler.builder.step_seconds == 0.1
 
 
 def test_without_any_boundaries_episodes_are_closed_at_the_limit():
     assembler = EpisodeAssembler(3)
     assert rewards(feed(assembler, stream([8], fields=()))) == [[0, 1, 2], [3, 4, 5]]
-    assert assembler.num_cut == 2
+    assert assembler.builder.num_cut == 2
 
 
 def test_an_episode_that_never_ends_is_cut_and_goes_on_as_a_new_one():
     assembler = EpisodeAssembler(3)
     assert rewards(feed(assembler, stream([7]))) == [[0, 1, 2], [3, 4, 5], [6]]
-    assert assembler.num_cut == 2
-    assert not assembler.dropped_episodes
+    assert assembler.builder.num_cut == 2
+    assert not assembler.builder.dropped
 
 
 def lose(transitions, *, states=(), samples=()):
@@ -113,7 +124,7 @@ def test_an_episode_with_a_lost_transition_is_dropped_and_counted(
     assembler = EpisodeAssembler(100)
     episodes = deliver(assembler, lose(stream([3, 3, 3]), **lost))
     assert rewards(episodes) == [[0, 1, 2], [6, 7, 8]]
-    assert assembler.dropped_episodes == {episode_cause: 1}
+    assert assembler.builder.dropped == {episode_cause: 1}
     assert assembler.dropped_messages == ({message_cause: 1} if message_cause else {})
     assert assembler.num_pending == 0
     assert assembler.last_drops.keys() == ({message_cause} if message_cause else set()) | {
@@ -128,13 +139,13 @@ def test_a_lost_end_drops_that_episode_alone(lost):
     kept = [[0, 1, 2], [3, 4, 5], [6, 7, 8]]
     del kept[lost.pop() // 3]
     assert rewards(episodes) == kept
-    assert assembler.dropped_episodes == {'lost_end': 1}
+    assert assembler.builder.dropped == {'lost_end': 1}
 
 
 def test_joining_midway_waits_for_the_next_beginning():
     assembler = EpisodeAssembler(100)
     assert rewards(feed(assembler, stream([5, 2])[2:])) == [[5, 6]]
-    assert assembler.dropped_episodes == {'joined_midway': 1}
+    assert assembler.builder.dropped == {'joined_midway': 1}
 
 
 def test_channels_are_matched_by_name():
@@ -170,7 +181,7 @@ def test_an_unusable_state_is_counted_and_disturbs_only_its_episode(names, value
     episodes += feed(assembler, transitions[3:])
     assert rewards(episodes) == [[0, 1], [4, 5]]
     assert assembler.dropped_messages == {cause: 1, 'reward_without_state': 1}
-    assert sum(assembler.dropped_episodes.values()) == 1
+    assert sum(assembler.builder.dropped.values()) == 1
 
 
 @given(st.data())
@@ -240,7 +251,7 @@ def test_duplicates_are_counted_and_change_nothing():
     messages = [m for m in lose(stream([3, 2])) for _ in range(2)]
     assert rewards(deliver(assembler, messages)) == [[0, 1, 2], [3, 4]]
     assert assembler.dropped_messages == {'duplicate_stamp': 10}
-    assert not assembler.dropped_episodes
+    assert not assembler.builder.dropped
 
 
 def test_time_running_backwards_begins_anew():
@@ -251,7 +262,7 @@ def test_time_running_backwards_begins_anew():
     ]
     episodes = feed(assembler, stream([3, 3])[:5]) + feed(assembler, again)
     assert rewards(episodes) == [[0, 1, 2], [10, 11, 12], [13, 14, 15]]
-    assert assembler.dropped_episodes == {'time_backwards': 1}
+    assert assembler.builder.dropped == {'time_backwards': 1}
 
 
 @pytest.mark.parametrize('kind', ['state', 'reward', 'both'])
@@ -267,7 +278,7 @@ def test_a_message_sent_again_long_after_changes_nothing(kind):
     episodes += feed(assembler, transitions[5:])
     assert rewards(episodes) == [[0, 1, 2], [3, 4, 5]]
     assert assembler.dropped_messages == {'duplicate_stamp': 2 if kind == 'both' else 1}
-    assert not assembler.dropped_episodes
+    assert not assembler.builder.dropped
 
 
 @pytest.mark.parametrize('kind', ['state', 'reward'])
@@ -282,7 +293,7 @@ def test_a_lone_message_from_the_past_changes_nothing(kind):
     episodes += feed(assembler, transitions[5:])
     assert rewards(episodes) == [[0, 1, 2], [3, 4, 5]]
     assert assembler.dropped_messages == {'too_late': 1}
-    assert not assembler.dropped_episodes
+    assert not assembler.builder.dropped
 
 
 def test_states_that_never_get_a_reward_do_not_starve_those_that_do():
@@ -363,7 +374,7 @@ def test_equal_stamps_are_named_as_such():
     assembler = EpisodeAssembler(100)
     halved = [((n // 2 + 1) * 10, *rest) for n, (_, *rest) in enumerate(stream([4, 4]))]
     assert feed(assembler, halved) == []
-    assert set(assembler.dropped_episodes) == {'equal_stamps'}
+    assert set(assembler.builder.dropped) == {'equal_stamps'}
     assert 'the same stamp' in assembler.last_drops['equal_stamps']
     together = EpisodeAssembler(100)
     for number in range(2):
@@ -420,7 +431,7 @@ def test_every_episode_that_comes_out_was_sent_complete_and_in_order(data):
     assert len(received) == len({tuple(episode) for episode in received})
     for episode in episodes:
         np.testing.assert_array_equal(episode.states[:, 0], episode.rewards)
-    noticed = assembler.dropped_messages + assembler.dropped_episodes
+    noticed = assembler.dropped_messages + assembler.builder.dropped
     # A single-step episode that is lost altogether leaves no trace.
     assert received == sent or noticed or assembler.num_pending or states & samples
 

@@ -26,7 +26,7 @@ def reader(drops):
 
 
 def read(reader, *values):
-    found = reader.read(NAMES, array('d', values))
+    found = reader.state_of(NAMES, array('d', values))
     return None if found is None else found.tolist()
 
 
@@ -65,15 +65,15 @@ def test_a_gap_is_named_with_its_share_and_bridged_as_long_as_allowed(reader, dr
 def test_states_of_other_channels_are_told_apart_from_those_that_take_turns(reader):
     assert read(reader, 1, 2) == [1, 2]
     for _ in range(3):
-        assert reader.read(['gripper'], array('d', [1])) is None
+        assert reader.state_of(['gripper'], array('d', [1])) is None
     assert (reader.foreign, reader.num_switches) == (['gripper'], 1)
     assert read(reader, 1, 2) == [1, 2]
     assert reader.foreign == []
-    assert reader.read(['gripper'], array('d', [1])) is None
+    assert reader.state_of(['gripper'], array('d', [1])) is None
     assert reader.num_switches == 2
     reader.clear()
     reader.channel_names = ('gripper',)
-    assert reader.read(['gripper'], array('d', [1])).tolist() == [1]
+    assert reader.state_of(['gripper'], array('d', [1])).tolist() == [1]
 
 
 @given(

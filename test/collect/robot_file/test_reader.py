@@ -1,11 +1,12 @@
 """The robot file: what it says, and that all mistakes are told at once."""
 
+import re
 from types import SimpleNamespace as Message
 
 import pytest
 
 from cmifs_ros.collect.robot_file.field_path import MissingFieldError
-from cmifs_ros.collect.robot_file.reader import RobotFileError, parse_robot_file
+from cmifs_ros.collect.robot_file.reader import RobotFileError, load_robot_file, parse_robot_file
 
 WHOLE = """
 step: {topic: /odom}
@@ -77,7 +78,7 @@ def test_the_yaw_of_what_is_no_quaternion_is_refused_in_words():
     pose = Message(position=1, orientation=Message(x=0, y=0, z=0, w=1))
     said = 'is a SimpleNamespace of orientation, position; expected a quaternion of w, x, y, z'
     with pytest.raises(MissingFieldError, match=said):
-        yaw.read(Message(pose=Message(pose=Message(orientation=pose))))
+        yaw.readings(Message(pose=Message(pose=Message(orientation=pose))))
 
 
 @pytest.mark.parametrize(
@@ -90,7 +91,7 @@ def test_a_number_or_a_word_that_is_one_of_kinds(kinds, value, expected):
     robot = parse_robot_file(text)
     assert robot.groups['k'] == robot.sources[0].names == robot.channel_names[: len(expected)]
     assert robot.channel_names[0] == f'k.{kinds[1:].split(",")[0]}'
-    assert robot.sources[0].read(Message(data=value)) == expected
+    assert robot.sources[0].readings(Message(data=value)) == expected
 
 
 @pytest.mark.parametrize(
@@ -152,3 +153,45 @@ def test_a_type_of_no_topic_and_a_yaw_of_an_array_are_refused():
         parse_robot_file(text)
     assert 'line 2: step.type stands without step.topic' in str(error.value)
     assert 'line 7: scan is a yaw of several values' in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ('line', 'step_seconds', 'gamma'),
+    [('{gamma: 0.9}', 1, 0.9), ('{gamma: 1}', 0.1, 1.0), ('{half_life: 20.0}', 0.1, 0.5**0.005)],
+)
+def test_a_discount_is_a_factor_or_a_half_life(line, step_seconds, gamma):
+    robot = parse_robot_file(WHOLE + f'discount: {line}\n')
+    assert robot.discount.per_step(step_seconds) == pytest.approx(gamma, rel=1e-12)
+    assert parse_robot_file(WHOLE).discount is None
+
+
+@pytest.mark.parametrize(
+    ('line', 'said'),
+    [
+        ('discount: 0.9', "discount is '0.9'; expected a mapping"),
+        ('discount: {gamma: 0}', 'discount.gamma is 0; expected more'),
+        ('discount: {gamma: 1.1}', "discount.gamma is '1.1'; expected a number from 0.0 to 1.0"),
+        ('discount: {half_life: 0}', "discount.half_life is '0'; expected a number from"),
+        ('discount: {gamma: 0.9, half_life: 1}', 'neither or both of gamma and half_life'),
+        ('discount: {lambda: 1}', "discount has 'lambda'; expected gamma, half_life"),
+        ('source: robot', "source is 'robot'; expected none, bag, folder"),
+        ('source: [bag]', 'source is a list; expected none, bag, folder'),
+    ],
+)
+def test_a_discount_or_a_source_that_cannot_be_is_refused(line, said):
+    with pytest.raises(RobotFileError, match=re.escape(said)):
+        parse_robot_file(WHOLE + f'{line}\n')
+
+
+def test_the_topics_of_some_channels_are_those_that_they_and_the_reward_need():
+    robot = parse_robot_file(WHOLE + 'source: folder\n')
+    needed = {'/odom', '/goal_distance', '/navigate_to_pose/_action/status'}
+    assert set(robot.topics_for([])) == needed
+    assert set(robot.topics_for(['scan[30]'])) == needed | {'/scan'}
+    assert set(robot.topics) == needed | {'/scan', '/battery_state', '/joint_states'}
+
+
+def test_a_robot_file_in_the_users_own_folder(tmp_path, monkeypatch):
+    monkeypatch.setenv('HOME', str(tmp_path))
+    (tmp_path / 'robot.yaml').write_text(WHOLE)
+    assert load_robot_file('~/robot.yaml').rate is None

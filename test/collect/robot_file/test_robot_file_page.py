@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 
 from cmifs_ros.collect.robot_file.expression import FUNCTIONS
-from cmifs_ros.collect.robot_file.reader import OWN_VALUES, RobotFileError, parse_robot_file
+from cmifs_ros.collect.robot_file.model import OWN_VALUES
+from cmifs_ros.collect.robot_file.reader import RobotFileError, parse_robot_file
 
 PAGE = Path(__file__, '../../../../docs/robot_file.md').resolve().read_text()
 EXAMPLES = re.findall(r'```yaml\n(.*?)```', PAGE, re.DOTALL)

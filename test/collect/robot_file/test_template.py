@@ -6,26 +6,22 @@ from types import SimpleNamespace as Message
 
 import pytest
 
+from cmifs_ros.collect.robot_file.observed_fields import ObservedTopic, TypeField
 from cmifs_ros.collect.robot_file.reader import parse_robot_file
-from cmifs_ros.collect.robot_file.template import (
-    Heard,
-    TypeField,
-    robot_file_of_bag,
-    robot_file_of_topics,
-)  # fmt: skip
+from cmifs_ros.collect.robot_file.template import robot_file_of_bag, robot_file_of_topics
 
 FIELDS = {'charge': 'number', 'kind': 'number', 'on': 'number', 'cells': 'numbers'}
 
 
 def line_of(name, values):
     """Return the line of one of the fields that had these values."""
-    heard = Heard('/b', 'B', lambda kind: [TypeField(*item) for item in FIELDS.items()])
+    heard = ObservedTopic('/b', 'B', lambda kind: [TypeField(*item) for item in FIELDS.items()])
     for value in values:
         heard.count += 1
         fields = {'charge': 0.5, 'kind': 7, 'on': True, 'cells': [1.0]} | {name: value}
         heard.look(Message(**fields))
     text = robot_file_of_topics('a robot', [heard], 1.0)
-    (line,) = (line for line in text.splitlines() if re.match(f' +(# )?{name}:', line))
+    (line,) = (line for line in text.splitlines() if re.match(f' +(# )?b_{name}:', line))
     uncommented = re.sub('(?m)^  # ', '  ', text)
     assert len(parse_robot_file(f'{uncommented}reward: "1"\n').sources) == len(FIELDS)
     return line
@@ -34,22 +30,121 @@ def line_of(name, values):
 @pytest.mark.parametrize(
     ('name', 'values', 'expected'),
     [
-        ('charge', [nan, nan], '  # charge: "/b.charge"  # always NaN here'),
-        ('charge', [inf, inf], '  # charge: "/b.charge"  # always inf here'),
-        ('charge', [0.0, nan, 0.0], '  # charge: "/b.charge"  # never changed: 0'),
-        ('charge', [nan, 1.0, 2.0], '  charge: "/b.charge"'),
-        ('on', [False, False, True], '  on: "/b.on"'),
-        ('cells', [[1.0, 2.0], [1.0, 2.0]], '  # cells: "/b.cells[0:2]"  # never changed: 1, 2'),
-        ('cells', [[1.0, 2.0], [1.0], [1.5, 2.0]], '  cells: "/b.cells[0:2]"'),
-        ('cells', [[1.0, nan], [2.0, nan]], '  # cells: "/b.cells[0:2]"  # always NaN here: [1]'),
-        ('kind', range(3), '  kind: "/b.kind"  # if 0, 1, 2 are kinds: '
+        ('charge', [nan, nan], '  # b_charge: "/b.charge"  # always NaN here'),
+        ('charge', [inf, inf], '  # b_charge: "/b.charge"  # always inf here'),
+        ('charge', [0.0, nan, 0.0], '  # b_charge: "/b.charge"  # never changed: 0'),
+        ('charge', [nan, 1.0, 2.0], '  b_charge: "/b.charge"'),
+        ('on', [False, False, True], '  b_on: "/b.on"'),
+        ('cells', [[1.0, 2.0], [1.0, 2.0]], '  # b_cells: "/b.cells[0:2]"  # never changed: 1, 2'),
+        ('cells', [[1.0, 2.0], [1.0], [1.5, 2.0]], '  b_cells: "/b.cells[0:2]"'),
+        ('cells', [[1.0, nan], [2.0, nan]], '  # b_cells: "/b.cells[0:2]"  # always NaN here: [1]'),
+        ('kind', range(3), '  b_kind: "/b.kind"  # if 0, 1, 2 are categories: '
          '{path: "/b.kind", one_hot: [0, 1, 2]}'),
-        ('kind', range(9), '  kind: "/b.kind"'),
-        ('kind', range(2), '  kind: "/b.kind"'),
+        ('kind', range(9), '  b_kind: "/b.kind"'),
+        ('kind', range(2), '  b_kind: "/b.kind"'),
     ],
 )  # fmt: skip
 def test_the_line_of_a_channel_says_what_its_values_did(name, values, expected):
     assert line_of(name, values) == expected
+
+
+def text_of(kinds, *said):
+    """Return the robot file of topics that said messages, each with topic and type."""
+    topics = {}
+    for topic, kind, message in said:
+        heard = topics.setdefault(
+            topic, ObservedTopic(topic, kind, lambda k: [TypeField(*i) for i in kinds[k].items()])
+        )
+        heard.count += 1
+        heard.look(message)
+    text = robot_file_of_topics('a robot', topics.values(), 1.0)
+    parse_robot_file(re.sub('(?m)^  # ', '  ', text) + 'reward: "1"\n')
+    return text
+
+
+KINDS = {
+    'Array': {'status': 'Status[]'},
+    'Status': {'level': 'number', 'name': 'text', 'message': 'text', 'values': 'KeyValue[]'},
+    'KeyValue': {'key': 'text', 'value': 'text'},
+    'Dynamic': {'joint_names': '', 'interface_values': 'Interface[]'},
+    'Interface': {'interface_names': '', 'values': 'numbers'},
+    'Tree': {'transforms': 'Frame[]'},
+    'Frame': {'child_frame_id': 'text', 'transform': 'Transform'},
+    'Transform': {'x': 'number'},
+    'Boxes': {'boxes': 'Box[]'},
+    'Box': {'score': 'number'},
+    'String': {'data': 'text'},
+    'Range': {'range': 'number', 'max_range': 'number'},
+    'Odd': {'max': 'number', 'hypot': 'number', 'step': 'number', 'lambda': 'number'},
+    'Battery': {'voltage': 'number'},
+}
+
+
+def status(name, level, heat, hardware=''):
+    values = [Message(key='Heat (C)', value=str(heat)), Message(key='state', value='on')]
+    return Message(name=name, level=level, message='', hardware_id=hardware, values=values)
+
+
+def test_messages_in_arrays_are_listed_by_name_key_frame_or_place():
+    text = text_of(
+        KINDS,
+        ('/diagnostics', 'Array', Message(status=[status('left motor', 0, 40)])),
+        ('/diagnostics', 'Array', Message(status=[status('right', 0, 9)])),
+        ('/diagnostics', 'Array', Message(status=[status('sampler: steps', 0, 1, 'cmifs_ros')])),
+        ('/diagnostics', 'Array', Message(status=[status('left motor', 1, 41)])),
+        *(('/arm', 'Dynamic', Message(joint_names=['hip', 'knee'], interface_values=[
+            Message(interface_names=['position', 'effort'], values=[i, 0.5]),
+            Message(interface_names=['effort'], values=[-i])])) for i in range(2)),
+        *(('/tf', 'Tree', Message(transforms=[Message(
+            child_frame_id=f'f{i % 2}', transform=Message(x=i))])) for i in range(4)),
+        *(('/seen', 'Boxes', Message(boxes=[Message(score=i)] * n)) for i, n in enumerate((0, 9))),
+    )  # fmt: skip
+    lines = text.splitlines()
+    heat = '"/diagnostics.status{left motor}.values{Heat (C)}.value"'
+    assert f'  left_motor_Heat_C: {heat}' in lines
+    assert any('# right' in line and '# never changed: 9' in line for line in lines)
+    assert 'sampler' not in text
+    assert '  hip_values: "/arm.interface_values{hip}.values{position,effort}"' in lines
+    assert '  knee_values: "/arm.interface_values{knee}.values{effort}"' in lines
+    assert '  f1_transform_x: "/tf.transforms{f1}.transform.x"' in lines
+    assert text.count('"/seen.boxes[') == 4
+
+
+def test_what_a_text_says_is_shown_as_categories():
+    said = [('/mode', 'String', Message(data=word)) for word in ('idle', 'lifting', 'idle')]
+    said += [('/name', 'String', Message(data='robot 1')), ('/heat', 'String', Message(data='4'))]
+    said += [('/log', 'String', Message(data=f'{{"{i}": 1}}')) for i in range(99)]
+    lines = text_of(KINDS, *said).splitlines()
+    assert ('  # mode: {path: "/mode.data", one_hot: [idle, lifting]}  # text; words seen') in lines
+    assert "# /name is text: 'robot 1'" in lines
+    assert any(line.startswith('# /log is text: \'{"0": 1}\', ') for line in lines)
+    assert any('heat: ' in line and 'never changed: 4' in line for line in lines)
+
+
+def test_an_infinite_range_is_the_greatest():
+    said = [('/sonar', 'Range', Message(range=r, max_range=4.0)) for r in (1.0, inf)]
+    assert '  sonar_range: {path: "/sonar.range", inf: max_range}' in text_of(KINDS, *said)
+
+
+def test_no_channel_has_a_name_that_expressions_use():
+    said = [
+        (topic, 'Odd', Message(**dict.fromkeys(KINDS['Odd'], i)))
+        for topic in ('/max', '/robot') for i in range(2)
+    ]  # fmt: skip
+    names = re.findall(r'(?m)^  (\w+): ', text_of(KINDS, *said))
+    assert len(names) == len(set(names)) == 8
+    assert not {'max', 'hypot', 'step', 'lambda'} & set(names)
+
+
+def test_names_that_say_little_have_their_topic_before_them():
+    said = [(t, 'Battery', Message(voltage=i)) for i in range(2) for t in ('/a/cell', '/b/cell')]
+    said += [('/base/power', 'Battery', Message(voltage=i)) for i in range(2)]
+    said += [(t, 'Battery', Message(voltage=i)) for i in range(2) for t in ('/bms/data',)]
+    said += [('/water/level', 'Number', Message(data=i)) for i in range(2)]
+    names = re.findall(r'(?m)^  (\w+): ', text_of(KINDS | {'Number': {'data': 'number'}}, *said))
+    assert names == [
+        'a_cell_voltage', 'b_cell_voltage', 'power_voltage', 'bms_data_voltage', 'level'
+    ]  # fmt: skip
 
 
 def test_of_a_bag_a_rare_event_is_seen_and_what_was_not_looked_at_is_told(tmp_path):
@@ -74,5 +169,5 @@ def test_of_a_bag_a_rare_event_is_seen_and_what_was_not_looked_at_is_told(tmp_pa
             hit(i, store.types['std_msgs/msg/Bool'](i == 1234))
             heat(i, still)
     text = robot_file_of_bag(tmp_path / 'bag')
-    assert '\n  hit_data: "/hit.data"\n' in text
+    assert '\n  hit: "/hit.data"\n' in text
     assert '"/t.temperature"  # never changed: 20, in 1000 of 3000 messages' in text

@@ -8,7 +8,9 @@ from hypothesis import strategies as st
 
 from cmifs_ros.collect.episodes.pairing import EpisodeAssembler
 from cmifs_ros.collect.robot_file.reader import parse_robot_file
-from cmifs_ros.collect.sampling.sampler import SECOND, Sampler, event_time
+from cmifs_ros.collect.sampling.event_order import SECOND
+from cmifs_ros.collect.sampling.message_reader import event_time
+from cmifs_ros.collect.sampling.sampler import Sampler
 
 FILE = """
 step: {topic: /a}
@@ -40,7 +42,7 @@ def test_no_step_before_every_topic_has_spoken_and_none_with_an_old_value():
     messages = [('/a', 100 * t, t) for t in range(10)] + [('/b', 250, 7)]
     steps, sampler = steps_of('steps: 99', messages, lateness=5)
     assert [s.stamp // MS for s in steps] == [300, 400, 500]
-    assert sampler.lacking(sampler.missing) == {
+    assert sampler.missing.in_words(sampler.missing.counts) == {
         'b: no message yet': 3,
         'b: silent for more than its max_age, 0.25 s': 4,
     }
@@ -228,7 +230,9 @@ def test_arrays_that_change_their_length_are_gaps():
         sampler.add('/s', Message(r=np.ones(length)), time * SECOND * 2)
     sampler.flush()
     assert sampler.wrong['/s'] == 1
-    assert sampler.lacking(sampler.missing) == {'s: its messages come every 2 s, max_age is 1 s': 1}
+    assert sampler.missing.in_words(sampler.missing.counts) == {
+        's: its messages come every 2 s, max_age is 1 s': 1
+    }
 
 
 def test_a_message_of_other_things_is_not_wrong_and_changes_nothing():
@@ -253,7 +257,7 @@ def test_a_kind_that_is_not_listed_is_a_gap_and_told():
         steps += sampler.add('/k', Message(data=kind), t * 100 * MS)
     steps += sampler.flush()
     assert [list(step.state) for step in steps] == [[1, 0], [0, 1], [0, 1]]
-    assert sampler.lacking(sampler.missing) == {
+    assert sampler.missing.in_words(sampler.missing.counts) == {
         'k: it is of a kind that its one_hot does not list': 1
     }
     assert sampler.wrong == {'/k': 1}
@@ -337,7 +341,7 @@ def test_a_reward_without_a_value_is_a_gap_by_its_cause():
             steps += sampler.add(topic, Message(data=value), t * 100 * MS)
     steps += sampler.flush()
     assert [s.sample.reward for s in steps] == [0.5, 0.25]
-    assert sampler.lacking(sampler.missing) == {'reward: it has no value': 1}
+    assert sampler.missing.in_words(sampler.missing.counts) == {'reward: it has no value': 1}
 
 
 def test_step_and_its_like_have_a_value_before_the_first_step():

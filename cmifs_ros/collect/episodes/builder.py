@@ -1,0 +1,202 @@
+"""Join steps to whole episodes: one that misses a step is dropped, and counted by its cause."""
+
+from __future__ import annotations
+
+import math
+from array import array
+from collections import Counter, deque
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from cmifs_ros.core import Episode
+
+from .end_counts import EndCounts
+
+
+class RewardSample(NamedTuple):
+    """The reward of one step and what its publisher says of the step; None: says nothing."""
+
+    reward: float
+    terminated: bool | None = None
+    truncated: bool | None = None
+    episode: int | None = None
+    step: int | None = None
+
+    @property
+    def marks_ends(self) -> bool:
+        """Whether the publisher tells where an episode ends."""
+        return self.terminated is not None or self.truncated is not None
+
+    @property
+    def ends_episode(self) -> bool:
+        """Whether this is an episode's last step."""
+        return bool(self.terminated or self.truncated)
+
+    @property
+    def end(self) -> str:
+        """How it ends the episode, if it does."""
+        return 'terminated' if self.terminated else 'truncated'
+
+
+class EpisodeBuilder:
+    """Build episodes of steps that come in order.
+
+    An episode with a lost step is dropped, counted, and building goes on with the next one. Step 0
+    begins an episode; where nothing else tells of ends, it ends the one before.
+
+    Parameters
+    ----------
+    max_episode_steps : int
+        An episode that reaches this length is closed there as truncated.
+    max_episode_bytes : int, optional
+        So is one whose arrays would become larger than this; at least 1 MB.
+
+    Attributes
+    ----------
+    dropped : collections.Counter
+        Episodes that were dropped, by cause.
+    last_drops : dict of str to str
+        By cause, the most recent of them in words.
+    num_cut : int
+        Episodes closed at `max_episode_steps` or `max_episode_bytes`.
+    ends : EndCounts
+        Episodes by the end that was seen, terminated or truncated, and which of these were lost.
+    stamps : list of numpy.ndarray of int, or None
+        If it is a list, the stamps of the steps of each episode are added to it.
+
+    """
+
+    def __init__(self, max_episode_steps: int, max_episode_bytes: int = 2**62):
+        self.max_episode_steps = max_episode_steps
+        self.max_episode_bytes = max_episode_bytes
+        self.num_cut = 0
+        self.dropped: Counter[str] = Counter()
+        self.last_drops: dict[str, str] = {}
+        self.ends = EndCounts()
+        self.stamps: list[np.ndarray] | None = None
+        self._distances: deque[int] = deque(maxlen=1000)  # From one step to the next.
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget the open episode; keep the counts."""
+        self._forget_open()
+        self._previous: RewardSample | None = None
+        self._skipping = False
+        self._broken_by = 'joined_midway'  # The cause for which steps are skipped.
+        self._was_cut = False
+
+    @property
+    def num_open_steps(self) -> int:
+        """Steps of the open episode."""
+        return len(self._open_rewards)
+
+    @property
+    def step_seconds(self) -> float:
+        """The median time from one step to the next, lately; NaN if no episode has two."""
+        return float(np.median(self._distances)) / 1e9 if self._distances else math.nan
+
+    def add(self, state: Sequence[float], sample: RewardSample, stamp: int) -> list[Episode]:
+        """Add a step to the open episode, or begin one with it; return what it completes.
+
+        Parameters
+        ----------
+        state : sequence of float
+        sample : RewardSample
+        stamp : int
+            Nanoseconds.
+
+        """
+        previous = self._previous
+        self._previous = sample
+        completed = []
+        if previous is not None and sample.episode != previous.episode:
+            if self._open_rewards and previous.marks_ends:
+                self.break_off('lost_end', f'episode {previous.episode} ended unseen')
+            elif self._open_rewards:
+                completed.append(self._close())
+            self._skipping = False
+            self._was_cut = False
+        if self._open_rewards and sample.step == 0 and not previous.marks_ends:
+            completed.append(self._close())
+        if self._open_rewards and not _follows(sample, previous):
+            self.break_off('step_gap', f'step {sample.step} came after step {previous.step}')
+
+        if self._open_rewards or self._may_begin(sample, previous):
+            self._open_states.extend(state)
+            if self._open_stamps:
+                self._distances.append(stamp - self._open_stamps[-1])
+            self._open_rewards.append(sample.reward)
+            self._open_stamps.append(stamp)
+            self._skipping = self._was_cut = False
+        elif not self._skipping:
+            self.break_off(
+                'joined_midway', f'an episode begins with step {sample.step}; expected 0'
+            )
+
+        if sample.ends_episode:
+            if self._open_rewards:
+                self.ends.add(sample.end)
+                completed.append(self._close())
+            else:
+                self.ends.add_lost(sample.end, self._broken_by)
+            self._skipping = False
+        elif self._is_full(len(state) + 1):
+            completed.append(self._close())
+            self._was_cut = True
+            self.num_cut += 1
+        return completed
+
+    def skip(self, sample: RewardSample) -> None:
+        """Take the reward of a step whose state is lost: its episode is."""
+        self.break_off('lost_state', 'an episode has a reward without its state')
+        if sample.ends_episode:
+            self.ends.add_lost(sample.end, self._broken_by)
+        self._skipping = not sample.ends_episode
+        self._previous = sample
+
+    def set_back(self) -> None:
+        """Begin anew, as time was set back: the open episode is dropped, if there is one."""
+        self._was_cut = False
+        if self._open_rewards:
+            self.break_off('time_backwards', 'a transition is older than the one before')
+
+    def break_off(self, cause: str, what: str) -> None:
+        """Drop the episode under way; skip its rest."""
+        if not self._skipping:
+            self._broken_by = cause
+            self.dropped[cause] += 1
+            self.last_drops[cause] = what
+        self._forget_open()
+        self._skipping = True
+        self._was_cut = False
+
+    def _may_begin(self, sample: RewardSample, previous: RewardSample | None) -> bool:
+        if sample.step is not None:
+            return sample.step == 0 or (self._was_cut and _follows(sample, previous))
+        tells_boundaries = sample.marks_ends or sample.episode is not None
+        return not (self._skipping and tells_boundaries)
+
+    def _is_full(self, num_values: int) -> bool:
+        steps = len(self._open_rewards)
+        is_too_large = (steps + 1) * num_values * 8 > self.max_episode_bytes
+        return steps >= self.max_episode_steps or (steps > 0 and is_too_large)
+
+    def _close(self) -> Episode:
+        rewards = np.array(self._open_rewards)
+        episode = Episode(np.array(self._open_states).reshape(len(rewards), -1), rewards)
+        if self.stamps is not None:
+            self.stamps.append(np.array(self._open_stamps))
+        self._forget_open()
+        return episode
+
+    def _forget_open(self) -> None:
+        self._open_states, self._open_rewards = array('d'), array('d')
+        self._open_stamps = array('q')
+
+
+def _follows(sample: RewardSample, previous: RewardSample) -> bool:
+    if sample.step is None:
+        return True  # Without step numbers no gap can be seen.
+    return previous.step is not None and sample.step == previous.step + 1

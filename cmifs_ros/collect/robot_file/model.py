@@ -1,0 +1,189 @@
+"""What a robot file says, as plain objects: its sources, and when a step and an episode are."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection
+from dataclasses import dataclass
+
+from cmifs_ros.collect.discount import Discount
+from cmifs_ros.collect.sensor_groups import groups_by_name
+from cmifs_ros.core.words import first
+
+from .expression import FUNCTIONS, Expression
+from .field_path import FieldPath, MissingFieldError, described
+
+#: Values that the sampler itself gives to expressions.
+OWN_VALUES = frozenset({'step', 'succeeded', 'aborted', 'canceled'})
+#: What no channel or value can be called: it means something else in an expression.
+RESERVED_NAMES = OWN_VALUES | set(FUNCTIONS) | {'before'}
+#: What may be made of all messages between two steps.
+SUMMARIES = ('mean', 'rms', 'min', 'max', 'std', 'count')
+#: What may tell which robot a bag is of.
+SOURCES = ('none', 'bag', 'folder')
+STATUS = '/_action/status'
+
+
+class UnlistedKindError(Exception):
+    """A message has a kind that `one_hot` does not list; the text says which."""
+
+
+@dataclass(frozen=True)
+class Source:
+    """A channel, a group of channels, or a value that is none.
+
+    Attributes
+    ----------
+    name : str
+    path : FieldPath
+    is_yaw : bool
+        The path is a quaternion; its values are the sine and the cosine of its yaw.
+    max_age : float
+        In seconds; `inf` for what is latched.
+    inf : str or None
+        Field of the message that stands for infinite values.
+    one_hot : tuple of str
+        The kinds that its value may be, whole numbers or words; a channel for each is 1 where it
+        is the value, and else 0.
+    is_channel : bool
+        False: for reward and ends only.
+    over : tuple of str
+        Of `SUMMARIES`, what is made of its messages between two steps; none: the newest counts.
+
+    """
+
+    name: str
+    path: FieldPath
+    is_yaw: bool = False
+    max_age: float = 1.0
+    inf: str | None = None
+    one_hot: tuple[str, ...] = ()
+    is_channel: bool = True
+    over: tuple[str, ...] = ()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of its channels: `yaw.sin`, `scan[30]`, `shake.rms`; its own if it has one."""
+        parts = ('sin', 'cos') if self.is_yaw else self.one_hot
+        if len(self.over) > 1:
+            parts = self.over
+        suffixes = tuple(f'.{part}' for part in parts) or self.path.suffixes
+        return tuple(self.name + suffix for suffix in suffixes)
+
+    def readings(self, message) -> list[float]:
+        """Return its values in a message, or none; see `FieldPath.values_in`.
+
+        They are as many as `names`, unless several summaries are made of one.
+
+        Raises
+        ------
+        MissingFieldError
+        UnlistedKindError
+
+        """
+        if self.is_yaw:
+            return [part for q in self.path.values_in(message) for part in self._yaw(q)]
+        if self.one_hot:
+            return [part for kind in self.path.values_in(message) for part in self._one_hot(kind)]
+        values = self.path.numbers_in(message)
+        if self.inf is not None:
+            instead = FieldPath(self.path.topic, (self.inf,)).numbers_in(message)[0]
+            values = [instead if value == math.inf else value for value in values]
+        return values
+
+    def _one_hot(self, value) -> list[float]:
+        number = 0.5 if isinstance(value, str) else self.path.as_number(value)
+        kind = str(int(number) if number.is_integer() else value)
+        if kind not in self.one_hot:
+            raise UnlistedKindError(
+                f'{self.path} is {kind[:40]!r}; expected one of {first(self.one_hot)} (one_hot)'
+            )
+        return [float(kind == one) for one in self.one_hot]
+
+    def _yaw(self, q) -> tuple[float, float]:
+        if not all(hasattr(q, part) for part in 'wxyz'):
+            raise MissingFieldError(
+                f'{self.path} is {described(q)}; expected a quaternion of w, x, y, z for as: yaw'
+            )
+        sine = 2 * (q.w * q.z + q.x * q.y)
+        cosine = 1 - 2 * (q.y * q.y + q.z * q.z)
+        length = math.hypot(sine, cosine) or math.nan
+        return sine / length, cosine / length
+
+
+@dataclass(frozen=True)
+class RobotFile:
+    """What a robot file says.
+
+    Attributes
+    ----------
+    step_topic : str or None
+        A step at each of its messages, or
+    rate : float or None
+        so many a second.
+    sources : tuple of Source
+    reward, terminated, truncated : Expression, FieldPath or None
+        A path stands for what its topic says until the next step.
+    action : str or None
+        An episode is a goal of it.
+    steps : int or None
+        An episode is truncated after so many steps.
+    types : dict of str to str
+        Type by topic, where the file names one.
+    discount : Discount or None
+        How far ahead the return looks, if the file says so.
+    source : str
+        What tells which robot a bag is of: one of `SOURCES`.
+
+    """
+
+    step_topic: str | None
+    rate: float | None
+    sources: tuple[Source, ...]
+    reward: Expression | FieldPath
+    terminated: Expression | FieldPath | None = None
+    truncated: Expression | FieldPath | None = None
+    action: str | None = None
+    steps: int | None = None
+    types: dict[str, str] | None = None
+    discount: Discount | None = None
+    source: str = 'none'
+
+    @property
+    def channel_names(self) -> tuple[str, ...]:
+        """The channels of a state, in order."""
+        return tuple(name for s in self.sources if s.is_channel for name in s.names)
+
+    @property
+    def groups(self) -> dict[str, tuple[str, ...]]:
+        """Sensors of several channels, by the rule by which the live selector finds them."""
+        return groups_by_name(self.channel_names)
+
+    @property
+    def topics(self) -> tuple[str, ...]:
+        """All topics that are needed, each once."""
+        return self.topics_for([source.name for source in self.sources])
+
+    def topics_for(self, channels: Collection[str]) -> tuple[str, ...]:
+        """Return the topics that some channels, steps, reward and ends need, each once."""
+        rules = (self.reward, self.terminated, self.truncated)
+        names = set(channels).union(*(r.names for r in rules if isinstance(r, Expression)))
+        paths = [
+            source.path
+            for source in self.sources
+            if not names.isdisjoint((source.name, *source.names))
+        ]
+        paths += [rule for rule in rules if isinstance(rule, FieldPath)]
+        own = [self.step_topic] if self.step_topic else []
+        own += [self.action + STATUS] if self.action else []
+        return tuple(dict.fromkeys(own + [path.topic for path in paths]))
+
+    def type_problem(self, topic: str, kinds: Collection[str]) -> str:
+        """Return what is wrong, or nothing, with a topic that has these types."""
+        said = (self.types or {}).get(topic)
+        if said is None or said in kinds:
+            return ''
+        return (
+            f'{topic} is of type {", ".join(sorted(kinds))}, not {said} as the robot file says: '
+            'correct or leave out that type'
+        )

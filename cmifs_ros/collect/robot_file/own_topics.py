@@ -1,0 +1,116 @@
+"""Topics that this package publishes itself: what it learned from is no sensor of the robot.
+
+They are known by what they say, since they may be remapped: the reward among the channels would be
+the answer itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from cmifs_ros.collect.episodes.builder import RewardSample
+
+#: Messages whose stamps are compared.
+MAX_STAMPS = 1000
+_STATE = 'sensor_msgs/msg/JointState'
+_INDICES = 'std_msgs/msg/Int32MultiArray'
+_REWARD_FIELDS = {*RewardSample._fields, 'action', 'gamma', 'half_life'}
+#: Topics of the selector, and beside a reward those of whoever publishes it, by their last part.
+_OF_SELECTOR = {
+    'selected_state': _STATE,
+    'scores': _STATE,
+    'selected_indices': _INDICES,
+    'selection': 'std_msgs/msg/String',
+}
+_BESIDE_REWARD = {'state', 'action'}
+#: Shares of the stamps of two topics that are the same if one was made with the other.
+_SAME = 0.9
+_HARDWARE = 'cmifs_ros'
+
+
+class Trace:
+    """What a topic's messages say that tells whether this package publishes it.
+
+    Parameters
+    ----------
+    topic, kind : str
+        Its name and that of its type.
+
+    """
+
+    def __init__(self, topic: str, kind: str):
+        self.topic, self.kind = topic, kind
+        self.space, _, self.last = topic.rpartition('/')
+        self.names: frozenset[str] = frozenset()
+        self.stamps: set[int] = set()
+        self.label = ''
+
+    @property
+    def is_open(self) -> bool:
+        """Whether another message could tell something."""
+        return self.kind == _STATE and len(self.stamps) < MAX_STAMPS
+
+    def look(self, message) -> None:
+        """Take in a message."""
+        if self.kind == _INDICES and message.layout.dim:
+            self.label = message.layout.dim[0].label
+        if not self.is_open:
+            return
+        if len(message.velocity) or len(message.effort):
+            self.kind = f'{_STATE} of more than positions'
+            return
+        stamp = message.header.stamp
+        self.stamps.add(stamp.sec * 10**9 + stamp.nanosec)
+        self.names |= set(message.name)
+
+    @property
+    def is_reward(self) -> bool:
+        """Whether it says what is paid, as `reward` does."""
+        if self.kind == _STATE and 'reward' in self.names:
+            return self.last == 'reward' or self.names <= _REWARD_FIELDS
+        return self.last == 'reward'
+
+    def has_stamps_of(self, other: Trace) -> bool:
+        """Tell whether its messages have the stamps of another topic's."""
+        if self.kind != _STATE or not self.stamps or not other.stamps:
+            return False
+        begin = max(min(self.stamps), min(other.stamps))
+        end = min(max(self.stamps), max(other.stamps))
+        mine, its = ({s for s in t.stamps if begin <= s <= end} for t in (self, other))
+        return len(mine & its) >= max(2, _SAME * max(len(mine), len(its)))
+
+
+def own_topics(traces: Iterable[Trace]) -> dict[str, str]:
+    """Return the topics that this package publishes, or that it learns from, and why they are."""
+    traces = list(traces)
+    own: dict[str, str] = {}
+    rewards = [trace for trace in traces if trace.is_reward]
+    for trace in rewards:
+        own[trace.topic] = 'a reward'
+    states: list[Trace] = []
+    for trace in traces:
+        for reward in rewards:
+            if trace.topic in own:
+                break
+            if trace.space == reward.space and trace.last in _BESIDE_REWARD:
+                own[trace.topic] = f'it belongs to the reward {reward.topic}'
+            elif trace.has_stamps_of(reward):
+                own[trace.topic] = f'it has the stamps of the reward {reward.topic}'
+            else:
+                continue
+            states.append(trace)
+    channels = {name for state in states for name in state.names}
+    stems = {name.rpartition(mark)[0] for name in channels for mark in '.['}
+    for trace in traces:
+        if trace.topic in own:
+            continue
+        if _OF_SELECTOR.get(trace.last) == trace.kind or trace.label == 'channel':
+            own[trace.topic] = 'published by a selector'
+        elif trace.kind == _STATE and trace.names and trace.names <= channels | stems:
+            own[trace.topic] = f'it has the channel names of {states[0].topic}'
+    return own
+
+
+def is_own_entry(entry) -> bool:
+    """Tell whether an entry of /diagnostics is one of this package's nodes."""
+    return getattr(entry, 'hardware_id', None) == _HARDWARE

@@ -1,0 +1,109 @@
+"""Where episodes end, and where one may begin, by the robot file."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+
+from cmifs_ros.collect.robot_file.expression import Expression
+from cmifs_ros.collect.robot_file.field_path import FieldPath
+from cmifs_ros.collect.robot_file.model import RobotFile
+
+ENDS = ('terminated', 'truncated')
+_EXECUTING = (1, 2, 3)
+_GOAL_ENDS = {4: 'succeeded', 5: 'canceled', 6: 'aborted'}
+
+
+class EpisodeEnds:
+    """Follow what is said of ends: by expressions, by topics, and by an action's goals.
+
+    Attributes
+    ----------
+    terminated, truncated : bool
+        What `look` found.
+
+    """
+
+    def __init__(self, robot: RobotFile):
+        self._robot = robot
+        self.terminated = self.truncated = False
+        self._kind = ''
+        self.begin_anew()
+
+    def begin_anew(self) -> None:
+        """Forget everything, as the clock was set."""
+        self._goal: bytes | None = None
+        self._holds = dict.fromkeys(ENDS, False)  # Whether an end was so when last known.
+        self._has_been_zero: set[str] = set()
+        self.forget_events()
+
+    def forget_events(self) -> None:
+        """Forget what was said of moments, when an episode begins."""
+        self._events = dict.fromkeys((*ENDS, *_GOAL_ENDS.values()), False)
+
+    @property
+    def may_begin(self) -> bool:
+        """Whether an episode may begin: outside an action's goals none does."""
+        return self._robot.action is None or self._goal is not None
+
+    @property
+    def is_announced(self) -> bool:
+        """Whether a message has told of an end since the last step."""
+        return any(self._events.values())
+
+    @property
+    def goal_ends(self) -> dict[str, float]:
+        """How the goal ended, as values for expressions."""
+        return {name: float(self._events[name]) for name in _GOAL_ENDS.values()}
+
+    @property
+    def kind(self) -> str:
+        """The end that `look` found, as the robot file calls it, or how the goal ended."""
+        of_goal = [name for name in _GOAL_ENDS.values() if self._events[name]]
+        return of_goal[0] if of_goal else self._kind
+
+    def follow(self, end: str, is_so: bool) -> None:
+        """Take what a path says of an end: one that never says no tells of moments."""
+        self._events[end] |= is_so
+        if not is_so:
+            self._has_been_zero.add(end)
+        self._holds[end] = is_so and end in self._has_been_zero
+
+    def follow_goals(self, goals: Iterable[tuple[bytes, int]]) -> None:
+        """Take the ids of an action's goals, and their statuses."""
+        for goal, status in goals:
+            if goal == self._goal and status in _GOAL_ENDS:
+                self._events[_GOAL_ENDS[status]] = True
+                self._events['truncated' if status == 5 else 'terminated'] = True
+                self._goal = None
+        running = [goal for goal, status in goals if status in _EXECUTING]
+        if running and self._goal not in running:
+            self._events['truncated'] |= self._goal is not None
+            self._goal = running[-1]
+
+    def look(self, values: Mapping, before: Mapping, *, is_open: bool) -> bool:
+        """Tell whether an episode ends here, or if none is open, whether none may begin.
+
+        Parameters
+        ----------
+        values, before : mapping of str to float
+            What is known at this step and at the one before, `step` among it.
+        is_open : bool
+
+        """
+        self.terminated = self._is_so('terminated', values, before, is_open)
+        self.truncated = self._is_so('truncated', values, before, is_open)
+        is_full = is_open and values['step'] == self._robot.steps
+        self._kind = 'terminated' if self.terminated else 'truncated' if self.truncated else 'steps'
+        self.truncated = not self.terminated and (self.truncated or is_full)
+        return self.terminated or self.truncated
+
+    def _is_so(self, end: str, values: Mapping, before: Mapping, is_open: bool) -> bool:
+        rule = getattr(self._robot, end)
+        if isinstance(rule, Expression):
+            value = rule(values, before)
+            if not math.isnan(value):
+                self._holds[end] = bool(value)
+        # Between episodes a mere event has passed: a message of a topic, or a goal's end.
+        may_hold = is_open or (isinstance(rule, FieldPath) and rule.fields)
+        return self._holds[end] or (may_hold and self._events[end])

@@ -1,0 +1,103 @@
+"""What the robot file takes of a message, so that itself need not be kept."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+from cmifs_ros.collect.robot_file.field_path import FieldPath, MissingFieldError
+from cmifs_ros.collect.robot_file.model import STATUS, RobotFile, Source, UnlistedKindError
+
+from .episode_ends import ENDS
+from .event_order import SECOND
+
+_UNREADABLE = (
+    MissingFieldError, TypeError, ValueError, AttributeError, LookupError, ArithmeticError,
+)  # fmt: skip
+
+
+@dataclass
+class Content:
+    """What a message says.
+
+    Attributes
+    ----------
+    values : dict of str to list of float
+        By source.
+    reward : float or None
+    ends : dict of str to bool
+        Whether it says that an episode is terminated, or truncated.
+    goals : list of (bytes, int)
+        The ids of an action's goals, and their statuses.
+
+    """
+
+    values: dict[str, list[float]] = field(default_factory=dict)
+    reward: float | None = None
+    ends: dict[str, bool] = field(default_factory=dict)
+    goals: list[tuple[bytes, int]] = field(default_factory=list)
+
+
+def event_time(message) -> int | None:
+    """Return its header's stamp in nanoseconds; None if there is none, or it is 0."""
+    stamp = getattr(getattr(message, 'header', None), 'stamp', None)
+    return None if stamp is None else (stamp.sec * SECOND + stamp.nanosec or None)
+
+
+class MessageReader:
+    """Read messages of whatever type, as a robot file says."""
+
+    def __init__(self, robot: RobotFile):
+        self._robot = robot
+        self._by_topic: dict[str, list[Source]] = {topic: [] for topic in robot.topics}
+        for source in robot.sources:
+            self._by_topic[source.path.topic].append(source)
+
+    def content_of(self, topic: str, message) -> tuple[int | None, Content | None, str]:
+        """Return its stamp if it has one, its content if it is of use, and what is wrong with it.
+
+        However many fields are wrong, it is one message: the last problem is told.
+        """
+        content, problem = Content(), ''
+        try:
+            stamp = event_time(message)
+        except _UNREADABLE as error:
+            return None, None, f'its stamp: {error}'
+        for source in self._by_topic[topic]:
+            try:
+                values = source.readings(message)
+                if values:
+                    content.values[source.name] = values
+            except UnlistedKindError as error:
+                content.values[source.name] = [math.nan]  # What it was before, it is no longer.
+                problem = str(error)
+            except _UNREADABLE as error:
+                problem = str(error)
+        for read in (self._read_reward, self._read_ends, self._read_goals):
+            try:
+                read(topic, message, content)
+            except _UNREADABLE as error:
+                problem = str(error)
+        return stamp, content, problem
+
+    def _said(self, rule, topic: str, message) -> float | None:
+        """Return what a message says by a path, None if it is none of its topic."""
+        if not isinstance(rule, FieldPath) or rule.topic != topic:
+            return None
+        return sum(rule.numbers_in(message)) if rule.fields else 1.0
+
+    def _read_reward(self, topic: str, message, content: Content) -> None:
+        content.reward = self._said(self._robot.reward, topic, message)
+
+    def _read_ends(self, topic: str, message, content: Content) -> None:
+        for end in ENDS:
+            said = self._said(getattr(self._robot, end), topic, message)
+            if said is not None:
+                content.ends[end] = bool(said)
+
+    def _read_goals(self, topic: str, message, content: Content) -> None:
+        if self._robot.action and topic == self._robot.action + STATUS:
+            content.goals = [
+                (bytes(map(int, entry.goal_info.goal_id.uuid)), int(entry.status))
+                for entry in FieldPath(topic, ('status_list',)).values_in(message)[0]
+            ]

@@ -1,0 +1,119 @@
+"""Why a step lacks a channel or a value, counted and in words."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+
+from cmifs_ros.collect.robot_file.model import Source
+from cmifs_ros.core.words import counted, listed
+
+from .event_order import SECOND
+
+#: Why a step lacks a value.
+_NEVER, _OLD = 'no message', 'silent'
+_NAN, _INFINITE, NO_VALUE = 'it is NaN', 'it is infinite', 'it has no value'
+_UNLISTED = 'it is of a kind that its one_hot does not list'
+
+
+def cause(source: Source, since: int | None, values: Sequence[float], time: int) -> str | None:
+    """Return why the newest values of a source cannot be used at a time, None if they can.
+
+    Parameters
+    ----------
+    source : Source
+    since : int or None
+        The time of these values in nanoseconds, None if there were none.
+    values : sequence of float
+    time : int
+        In nanoseconds.
+
+    """
+    if since is None:
+        return _NEVER
+    if time - since > source.max_age * SECOND:
+        return _OLD
+    if source.one_hot and math.isnan(values[0]):
+        return _UNLISTED
+    if all(map(math.isfinite, values)):
+        return None
+    return _NAN if any(map(math.isnan, values)) else _INFINITE
+
+
+class MissingValues:
+    """Count what steps lack.
+
+    Parameters
+    ----------
+    sources : iterable of Source
+    received : mapping of str to int
+        How many messages of each topic came, of use or not; it is only read.
+
+    Attributes
+    ----------
+    counts : collections.Counter
+        Steps by what they lack, a source or `reward`, and why; see `in_words`.
+
+    """
+
+    def __init__(self, sources: Iterable[Source], received: Mapping[str, int]):
+        self._sources = {source.name: source for source in sources}
+        self._received = received
+        self.counts: Counter[tuple[str, str]] = Counter()
+        self._spoken: dict[str, tuple[int, int, int]] = {}  # Count, first, last time.
+        self._useful: set[str] = set()
+
+    def heard(self, topic: str, stamp: int, names: Iterable[str]) -> None:
+        """Note that a message is of a time, and the sources that it has a value of."""
+        count, first, _ = self._spoken.get(topic, (0, stamp, stamp))
+        self._spoken[topic] = (count + 1, first, stamp)
+        self._useful.update(names)
+
+    def forget_times(self) -> None:
+        """Forget when topics spoke, as the clock was set."""
+        self._spoken.clear()
+
+    def in_words(self, counts: Mapping[tuple[str, str], int]) -> Counter[str]:
+        """Return how many steps lacked something, by what and why in words.
+
+        What one topic lacked equally often has one cause, and is told once: without names if it is
+        all that the robot file takes of it.
+
+        Parameters
+        ----------
+        counts : mapping of tuple to int
+            As the attribute, or of some of the steps.
+
+        """
+        of = {name: (s.path.topic, s.is_channel) for name, s in self._sources.items()}
+        sizes = Counter(of.values())
+        alike: dict[tuple, list[str]] = {}
+        for (name, why), count in counts.items():
+            key = (of.get(name, name), count, self._explained(name, why))
+            alike.setdefault(key, []).append(name)
+        words: Counter[str] = Counter()
+        for (origin, count, why), names in alike.items():
+            what = names[0]
+            if len(names) > 1:
+                topic, is_channel = origin
+                noun = 'channel' if is_channel else 'value'
+                what = f'{counted(len(names), noun)} of {topic}'
+                what += f' ({listed(names)})' if len(names) < sizes[origin] else ''
+            words[f'{what}: {why}'] = count
+        return words
+
+    def _explained(self, name: str, why: str) -> str:
+        """Return why a step lacked something, by what is known of its messages by now."""
+        if why not in (_NEVER, _OLD):
+            return why
+        source = self._sources[name]
+        if why == _NEVER:
+            if name in self._useful:
+                return 'no message yet'
+            return 'no message of use' if self._received[source.path.topic] else why
+        count, first, newest = self._spoken.get(source.path.topic, (0, 0, 0))
+        period = (newest - first) / SECOND / (count - 1) if count > 1 else 0.0
+        if period > source.max_age:
+            return f'its messages come every {period:.3g} s, max_age is {source.max_age:g} s'
+        return f'silent for more than its max_age, {source.max_age:g} s'

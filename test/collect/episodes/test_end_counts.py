@@ -1,0 +1,27 @@
+from cmifs_ros.collect.episodes.end_counts import EndCounts
+
+
+def test_losses_that_depend_on_the_end_are_told():
+    ends = EndCounts()
+    for _ in range(40):
+        ends.add('succeeded')
+    ends.add_lost('succeeded', 'a step lacks light')
+    assert not ends.problem()
+    for _ in range(12):
+        ends.add_lost('aborted', 'a step lacks range')
+    said = (
+        'episodes that ended by `aborted`: a step lacks range; none of 12 is left, but 40 of 41 '
+        'that ended otherwise'
+    )
+    assert ends.problem() == f'dropped 12 {said}'
+    assert ends.dropped_in_words()[said] == 12
+
+
+def test_losses_at_random_are_counted_and_no_problem():
+    ends = EndCounts()
+    for kind in ('terminated', 'truncated'):
+        for i in range(20):
+            (ends.add_lost(kind, 'a step lacks x') if i % 4 == 0 else ends.add(kind))
+    assert not ends.problem()
+    assert [ends.num_lost(kind) for kind in ends.ended] == [5, 5]
+    assert list(ends.dropped_in_words().values()) == [5, 5]

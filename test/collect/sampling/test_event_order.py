@@ -1,0 +1,166 @@
+"""The order of events: how long topics are waited for, and when a clock was set."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cmifs_ros.collect.sampling.event_order import CLOCK_SET, SECOND, EventOrder
+
+MS = SECOND // 1000
+
+
+def feed(order, arrivals):
+    """Return (topic, ms) in order, None where the clock was set, of (ms of arrival, topic, ms)."""
+    taken = []
+    for _, topic, stamp in sorted(arrivals, key=lambda arrival: arrival[0]):
+        taken += order.add(topic, stamp * MS, True, None)
+    return in_ms(taken + order.flush())
+
+
+def in_ms(moments):
+    return [
+        None if moment is CLOCK_SET else (message.topic, moment.time // MS)
+        for moment in moments
+        for message in moment.messages or [None]
+    ]
+
+
+def stream(topic, period, end, begin=0, late=0):
+    return [(time + late, topic, time) for time in range(begin, end, period)]
+
+
+def waits(order, arrivals):
+    """Return for each message of /fast how much time has passed when it is worked through."""
+    found, now = [], 0
+    for _, topic, stamp in sorted(arrivals):
+        now = max(now, stamp)
+        for moment in order.add(topic, stamp * MS, True, None):
+            found += [now - moment.time // MS for m in moment.messages if m.topic == '/fast']
+    return found
+
+
+@pytest.mark.parametrize('late', [0, 300, 800, 3000])
+def test_a_topic_is_waited_for_as_long_as_its_messages_are_late(late):
+    order = EventOrder(['/fast', '/slow'])
+    found = waits(order, stream('/fast', 20, 60_000) + stream('/slow', 1000, 60_000, late=late))
+    assert late - 20 <= max(found[1000:]) <= 1.5 * late + 120
+    assert order.late['/slow'] <= 1 + late // 1000
+
+
+def test_max_lateness_bounds_the_waiting_and_what_is_later_is_counted_by_topic():
+    order = EventOrder(['/fast', '/slow'], max_lateness=0.4)
+    found = waits(order, stream('/fast', 20, 20_000) + stream('/slow', 1000, 20_000, late=800))
+    assert max(found) <= 420
+    assert order.late == {'/slow': 20}
+
+
+def test_two_publishers_of_one_topic_are_sorted_once_they_are_known():
+    order = EventOrder(['/fast', '/two'])
+    two = [(time + late, '/two', time) for time in range(0, 3000, 50) for late in [time % 100]]
+    taken = feed(order, stream('/fast', 20, 3000) + two)
+    times = [time for _, time in taken]
+    assert times == sorted(times)
+    assert order.late.total() <= 1
+
+
+@given(
+    st.sets(st.tuples(st.sampled_from('abc'), st.integers(0, 300))),
+    st.tuples(*[st.integers(0, 250)] * 3),
+)
+def test_recorded_messages_are_sorted_and_none_is_late(sent, delays):
+    """Each topic comes later than its stamps by a time of its own, up to 25 s."""
+    order, delay = EventOrder('abc', None), dict(zip('abc', delays, strict=True))
+    arrivals = sorted((100 * (time + delay[t]), t, 100 * time) for t, time in sent)
+    taken = feed(order, arrivals)
+    assert taken == [(t, 100 * time) for time, t in sorted((time, t) for t, time in sent)]
+    assert not order.late
+
+
+def runs(count, length, topics, gap=0):
+    """Return arrivals of a simulation that begins anew after each run."""
+    return [
+        (begin + late, topic, time)
+        for begin in range(0, count * (length + gap), length + gap)
+        for topic, period, delay in topics
+        for late, _, time in stream(topic, period, length, late=delay)
+    ]
+
+
+TOPICS = [('/a', 50, 0), ('/b', 100, 30), ('/c', 1000, 10)]
+
+
+@pytest.mark.parametrize('max_lateness', [5.0, None])
+@pytest.mark.parametrize('length', [4000, 15_000, 70_000])
+@pytest.mark.parametrize('gap', [0, 3000])
+def test_a_clock_that_all_topics_set_back_begins_anew(length, gap, max_lateness):
+    order = EventOrder([topic for topic, _, _ in TOPICS], max_lateness)
+    taken = feed(order, runs(4, length, TOPICS, gap))
+    one_run = sorted(
+        ((topic, time) for topic, period, _ in TOPICS for time in range(0, length, period)),
+        key=lambda m: (m[1], m[0]),
+    )
+    found = [[]]
+    for message in taken:
+        if message is None:
+            found.append([])
+        else:
+            found[-1].append(message)
+    assert found == [one_run] * 4
+    assert not +order.late
+    assert not +order.wrong
+
+
+@pytest.mark.parametrize('delay', [0, 50])
+def test_the_clock_topic_tells_a_reset_at_once_and_what_is_left_over_is_late(delay):
+    order, taken = EventOrder(['/a', '/b']), []
+    for run in range(3):
+        for time in range(0, 3000, 50):
+            taken += order.set_clock(time * MS)
+            if run and time == delay:  # One of the run before was still on its way.
+                taken += order.add('/b', 2990 * MS, True, None)
+            if time >= delay or not run:
+                taken += order.add('/a', time * MS, True, None)
+            if time > delay or not run:
+                taken += order.add('/b', time * MS, True, None)
+    taken = in_ms(taken + order.flush())
+    assert taken.count(None) == 2
+    assert order.late == {'/b': 2}
+    second = taken[taken.index(None) + 1 :]
+    assert second[: second.index(None)] == [
+        (topic, time)
+        for time in range(0, 3000, 50)
+        for topic in ('/a', '/b')
+        if time > delay or (topic == '/a' and time >= delay)
+    ]
+
+
+def test_messages_that_come_before_the_clock_of_their_reset_count_as_after_it():
+    order = EventOrder(['/a'])
+    taken = order.set_clock(5000 * MS)
+    for time in range(5000, 8000, 50):
+        taken += order.add('/a', time * MS, True, None)
+    taken += order.add('/a', 100 * MS, True, None)
+    taken += order.set_clock(110 * MS)
+    taken += order.add('/a', 150 * MS, True, None)
+    taken = in_ms(taken + order.flush())
+    assert taken[-3:] == [None, ('/a', 100), ('/a', 150)]
+    assert not +order.late
+
+
+@pytest.mark.parametrize('seconds', [2, 30, 3000])
+def test_one_topic_that_goes_back_alone_is_no_reset(seconds):
+    arrivals = stream('/a', 50, 20_000) + stream('/b', 50, 20_000)
+    back = [(time, '/c', time - seconds * 1000) for time in range(10_000, 20_000, 50)]
+    order = EventOrder(['/a', '/b', '/c'])
+    taken = feed(order, arrivals + stream('/c', 50, 10_000) + back)
+    assert None not in taken
+    assert sum(topic != '/c' for topic, _ in taken) == len(arrivals)
+
+
+def test_a_clock_by_which_nobody_stamps_resets_nothing():
+    order, taken = EventOrder(['/a']), []
+    for time in range(0, 9000, 50):
+        taken += order.set_clock(time % 3000 * MS)
+        taken += order.add('/a', (time + 10**9) * MS, True, None)
+    assert CLOCK_SET not in taken
+    assert not order.late

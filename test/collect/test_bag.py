@@ -1,0 +1,99 @@
+"""Bags as robots record them: resets of a simulation, slow pipelines, sensors that fail."""
+
+import numpy as np
+import pytest
+from bags import STORE
+from rosbags.rosbag2 import StoragePlugin, Writer
+
+from cmifs_ros.collect.bag import episodes_of_bag
+from cmifs_ros.collect.robot_file.reader import parse_robot_file
+
+SECOND = 10**9
+POINT, CLOCK = 'geometry_msgs/msg/PointStamped', 'rosgraph_msgs/msg/Clock'
+
+
+def time_of(nanoseconds):
+    return STORE.types['builtin_interfaces/msg/Time'](*divmod(nanoseconds, SECOND))
+
+
+def point(stamp, x, y=0.0):
+    header = STORE.types['std_msgs/msg/Header'](time_of(stamp), '')
+    return STORE.types[POINT](header, STORE.types['geometry_msgs/msg/Point'](float(x), y, 0.0))
+
+
+def write(path, messages):
+    """Write (recorded, topic, message)."""
+    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        connections = {}
+        for recorded, topic, message in sorted(messages, key=lambda m: m[0]):
+            kind = message.__msgtype__
+            if topic not in connections:
+                connections[topic] = writer.add_connection(topic, kind, typestore=STORE)
+            writer.write(connections[topic], recorded, STORE.serialize_cdr(message, kind))
+    return path
+
+
+RESET = parse_robot_file(
+    'step: {topic: /speed}\nchannels: {slip: /speed.point.x}\nvalues: {done: /done.point.x}\n'
+    'reward: 0 - slip\nepisode: {terminated: done}\n'
+)
+
+
+@pytest.mark.parametrize('has_clock', [True, False])
+@pytest.mark.parametrize('seconds', [3, 70])
+def test_a_simulation_that_is_reset_after_each_episode(tmp_path, seconds, has_clock):
+    messages, wall, count = [], 1_700_000_000 * SECOND, 10 * seconds
+    for _ in range(5):
+        for k in range(count + 1):
+            stamp = k * SECOND // 10 + SECOND // 20
+            if has_clock:
+                messages.append((wall, '/clock', STORE.types[CLOCK](time_of(stamp))))
+            messages.append((wall + 500, '/done', point(stamp, k == count - 1)))
+            messages.append((wall + 1000, '/speed', point(stamp, k)))
+            wall += SECOND // 10
+    bag = episodes_of_bag(write(tmp_path / 'bag', messages), RESET)
+    assert [e.states[:, 0].tolist() for e in bag.episodes] == [list(range(count - 1))] * 5
+    assert not bag.dropped
+
+
+SLOW = parse_robot_file(
+    'step: {rate: 10.0}\nchannels: {speed: /speed.point.x, seen: /seen.point.x}\n'
+    'reward: speed\nepisode: {steps: 20}\n'
+)
+
+
+@pytest.mark.parametrize('late', [0.8, 12.0])
+def test_what_a_slow_pipeline_publishes_belongs_to_the_time_of_its_stamp(tmp_path, late):
+    messages, begin = [], 1_700_000_000 * SECOND
+    for i in range(300):
+        stamp = begin + i * SECOND // 10
+        messages.append((stamp, '/speed', point(stamp, i)))
+        messages.append((stamp + int((late + i % 3 / 20) * SECOND), '/seen', point(stamp, -i)))
+    bag = episodes_of_bag(write(tmp_path / 'bag', messages), SLOW)
+    assert len(bag.episodes) == 14
+    for episode in bag.episodes:
+        np.testing.assert_array_equal(episode.states[:, 0], -episode.states[:, 1])
+    assert not bag.dropped
+
+
+def test_losses_are_told_by_the_kind_of_end(tmp_path):
+    robot = parse_robot_file(
+        'step: {topic: /step}\nchannels: {a: /step.point.x, b: /step.point.y}\n'
+        'values: {hit: /end.point.x, home: /end.point.y}\n'
+        'reward: 0 - hit\nepisode: {terminated: hit, truncated: home}\n'
+    )
+    messages = []
+    for i in range(200):
+        stamp, fails, is_last = SECOND + i * SECOND // 10, i // 10 % 2, i % 10 == 9
+        gap = float('nan') if fails and i % 10 == 5 else 1.0
+        messages.append((stamp, '/step', point(stamp, i, gap)))
+        messages.append(
+            (stamp, '/end', point(stamp, is_last and fails, float(is_last and not fails)))
+        )
+    bag = episodes_of_bag(write(tmp_path / 'bag', messages), robot)
+    assert len(bag.episodes) == 10
+    said = (
+        'episodes that ended by `terminated`: a step lacks b; none of 10 is left, but 10 of 10 '
+        'that ended otherwise'
+    )
+    assert bag.dropped[said] == 10

@@ -1,0 +1,92 @@
+"""Several bags: a step counts once, whatever recorded it, and what is doubtful is told."""
+
+import numpy as np
+import pytest
+
+from cmifs_ros.collect.bag import BagEpisodes, BagError
+from cmifs_ros.collect.pooling import pooled
+from cmifs_ros.core import Episode
+
+SECOND = 10**9
+
+
+def drive(seed=0, num_steps=400):
+    """Return states that take their time, of a drive of 10 steps a second."""
+    return np.cumsum(np.random.default_rng(seed).normal(size=(num_steps, 3)), axis=0)
+
+
+def recorded(states, begin=0, window=25, names=('x', 'y', 'z')):
+    """Return a bag of windows of a drive, whose first step is at `begin` of 0.1 s each."""
+    stamps = (begin + np.arange(len(states))) * SECOND // 10
+    cuts = range(window, len(states) + 1, window)
+    parts = [slice(cut - window, cut) for cut in cuts]
+    episodes = [Episode(states[part], np.ones(window)) for part in parts]
+    return BagEpisodes(names, episodes, [stamps[part] for part in parts], 0, 0, 0, 0, {}, {})
+
+
+def steps_of(pool):
+    return [tuple(state) for episode in pool.episodes for state in episode.states]
+
+
+def test_a_second_recorder_that_began_later_adds_only_what_the_first_lacks():
+    states = drive()
+    first, second = recorded(states[:300]), recorded(states[53:], 53)
+    pool = pooled([('a', first), ('b', second)])
+    assert len(set(steps_of(pool))) == len(steps_of(pool))
+    # The first has 300 steps; of the second's windows, from 53 on, those from 303 on are new.
+    assert len(pool.episodes) == 12 + 3
+    assert pool.notes == [
+        'b has 247 steps of a a second time',
+        'b: 10 of 13 episodes left out, as they were recorded twice',
+    ]
+
+
+def test_windows_that_overlap_are_thinned_until_they_do_not():
+    states = drive()
+    bags = [(str(b), recorded(states[b : b + 50], b, 50)) for b in range(0, 351, 25)]
+    pool = pooled(bags)
+    assert len(set(steps_of(pool))) == len(steps_of(pool)) == 400
+
+
+@pytest.mark.parametrize('share', [0.02, 0.2])
+def test_recorders_that_see_messages_without_stamps_in_another_order_are_found_too(share):
+    """Some of their steps have another value, and all their stamps differ a little."""
+    states, rng = drive(), np.random.default_rng(1)
+    again = states.copy()
+    again[rng.random(len(again)) < share, 0] += 1.0
+    second = recorded(again)
+    jitter = [stamps + rng.integers(-(10**7), 10**7, len(stamps)) for stamps in second.stamps]
+    second.stamps[:] = jitter
+    assert len(pooled([('a', recorded(states)), ('b', second)]).episodes) <= 16 + share * 25
+
+
+@pytest.mark.parametrize(('source', 'is_told'), [('none', True), ('bag', False), ('folder', True)])
+def test_two_robots_at_the_same_time_are_kept_and_told_unless_they_are_told_apart(source, is_told):
+    bags = [('fleet/a', recorded(drive(0))), ('fleet/b', recorded(drive(1)))]
+    pool = pooled(bags, source)
+    assert len(pool.episodes) == 32
+    assert [('overlap in time' in note) for note in pool.notes] == [True] * is_told
+    sources = [episode.source for episode in pool.episodes]
+    assert len(set(sources)) == (2 if source == 'bag' else 1)
+    assert (sources[0] == '') == (source == 'none')
+
+
+def test_bags_are_in_the_order_of_time_and_nothing_is_told_of_those_apart():
+    states = drive()
+    late, early = recorded(states[200:], 200), recorded(states[:200])
+    pool = pooled([('late', late), ('early', early)])
+    assert steps_of(pool) == [tuple(state) for state in states]
+    assert pool.notes == []
+    assert pool.step_seconds == pytest.approx(0.1)
+
+
+def test_bags_of_other_channels_are_refused():
+    bags = [('a', recorded(drive())), ('b', recorded(drive(), 900, names=('x', 'y', 'w')))]
+    with pytest.raises(BagError, match='b has other channels than a; expected the same'):
+        pooled(bags)
+
+
+def test_without_episodes_nothing_is_known():
+    pool = pooled([('a', recorded(drive(num_steps=3)))])
+    assert (pool.episodes, pool.channel_names) == ([], ())
+    assert np.isnan(pool.step_seconds)
