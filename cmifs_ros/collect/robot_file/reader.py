@@ -5,17 +5,29 @@ from __future__ import annotations
 import math
 import os
 import re
+from collections.abc import Sequence
 from pathlib import Path
 
 import yaml
 
 from cmifs_ros.collect.discount import Discount
+from cmifs_ros.core import targets
 from cmifs_ros.core.channel_names import problem_of_names
 from cmifs_ros.core.words import first
 
 from .expression import Expression
 from .field_path import FieldPath, parse_field_path
-from .model import OWN_VALUES, RESERVED_NAMES, SOURCES, SUMMARIES, RobotFile, Source
+from .model import (
+    ACTION,
+    CHANNEL,
+    OWN_VALUES,
+    RESERVED_NAMES,
+    SOURCES,
+    SUMMARIES,
+    VALUE,
+    RobotFile,
+    Source,
+)
 
 MAX_SIZE = 10**6
 _SOURCE_KEYS = ('path', 'as', 'max_age', 'inf', 'one_hot', 'over', 'type')
@@ -27,7 +39,10 @@ _NEEDED = {
     'reward': 'what pays, such as reward: "before(distance) - distance"; make_robot_file leaves '
     'that to you, as a TODO',
 }
-_KEYS = ('step', 'channels', 'values', 'reward', 'episode', 'discount', 'source')
+_KEYS = (
+    'step', 'channels', 'actions', 'values', 'reward', 'episode', 'discount', 'source', 'target',
+)  # fmt: skip
+_ACTIONS = {'actions': 'what the robot does, each as name: /topic.field'}
 _TYPE = re.compile(r'[a-z][a-z0-9_]*/msg/[A-Za-z][A-Za-z0-9]*')
 
 
@@ -123,6 +138,15 @@ class _Reader:
             return default
         return value
 
+    def _choice(self, node, what: str, choices: Sequence[str]) -> str:
+        """Return one of some words, of which the first is the default."""
+        if node is None:
+            return choices[0]
+        if not isinstance(node, yaml.ScalarNode) or node.value not in choices:
+            self._note(node, f'{what} is {_shown(node)}; expected {", ".join(choices)}')
+            return choices[0]
+        return node.value
+
     def _path(self, node, what: str) -> FieldPath | None:
         if not isinstance(node, yaml.ScalarNode):
             self._note(node, f'{what} is {_shown(node)}; expected a path such as /odom.pose')
@@ -156,15 +180,15 @@ class _Reader:
             self._note(
                 node,
                 f'{what} uses {", ".join(sorted(rule.names - known))[:60]}; expected names of '
-                'channels or values that are single numbers (of an array or of kinds, name '
-                f'the number you mean as a value): {", ".join(sorted(known))[:300]}',
+                'channels, actions or values that are single numbers (of an array or of kinds, '
+                f'name the number you mean as a value): {", ".join(sorted(known))[:300]}',
             )
         return rule
 
-    def _source(self, name: str, node, is_channel: bool) -> Source | None:
+    def _source(self, name: str, node, role: str) -> Source | None:
         if isinstance(node, yaml.ScalarNode):
             path = self._path(node, name)
-            return path and self._checked(Source(name, path, is_channel=is_channel), node)
+            return path and self._checked(Source(name, path, role=role), node)
         parts = self._mapping(node, name, _SOURCE_KEYS)
         if 'path' not in parts:
             self._note(node, f'{name} has no path')
@@ -186,7 +210,7 @@ class _Reader:
             self._note(node, f'{name} is a yaw of several values; expected one quaternion')
             return None
         kinds = self._kinds(parts['one_hot'], name) if 'one_hot' in parts else ()
-        if kinds and (len(path.suffixes) > 1 or kind or inf or not is_channel):
+        if kinds and (len(path.suffixes) > 1 or kind or inf or role == VALUE):
             self._note(
                 node,
                 f'{name} has one_hot; expected a channel of a single value, without as and inf. '
@@ -200,9 +224,7 @@ class _Reader:
                 f'{name} has over; expected numbers, without as and one_hot, and for several '
                 'summaries a single value',
             )
-        source = Source(
-            name, path, kind is not None, max_age, inf and inf.value, kinds, is_channel, over
-        )
+        source = Source(name, path, kind is not None, max_age, inf and inf.value, kinds, role, over)
         return self._checked(source, node)
 
     def _over(self, node, name: str) -> tuple[str, ...]:
@@ -261,9 +283,9 @@ class _Reader:
         )
 
     def _sources(self, top: dict) -> tuple[list[Source | None], set[str]]:
-        """Return channels and values, None where one has a mistake, and the names of all."""
+        """Return all sources, None where one has a mistake, and the names of all."""
         sources, keys = [], set()
-        for section, is_channel in (('channels', True), ('values', False)):
+        for section, role in (('channels', CHANNEL), ('actions', ACTION), ('values', VALUE)):
             if section in top:
                 for name, node in self._mapping(top[section], section, None).items():
                     if name in RESERVED_NAMES:
@@ -272,15 +294,19 @@ class _Reader:
                             'expressions; expected another name',
                         )  # fmt: skip
                     elif name in keys:
-                        self._note(node, f'values has {name[:60]!r}, which is a channel already')
+                        self._note(
+                            node, f'{section} has {name[:60]!r}, which stands above already'
+                        )  # fmt: skip
                     keys.add(name)
-                    sources.append(self._source(name, node, is_channel))
+                    sources.append(self._source(name, node, role))
         return sources, keys
 
     def robot(self, root) -> RobotFile | None:
         """Read everything; None if a mistake leaves no robot."""
         top = self._mapping(root, 'the file', _KEYS)
-        for key, example in _NEEDED.items():
+        target = self._choice(top.get('target'), 'target', targets.TARGETS)
+        source = self._choice(top.get('source'), 'source', SOURCES)
+        for key, example in _needed_for(target).items():
             if key not in top and root is not None:
                 line = max(root.end_mark.line, 1)
                 self.mistakes.append((line, f'the file has no {key!r}; add {example}'))
@@ -288,8 +314,9 @@ class _Reader:
         sources, keys = self._sources(top)
         found = tuple(source for source in sources if source is not None)
         names = [name for source in found for name in source.names]
-        if 'channels' in top and not sources:
-            self._note(top['channels'], 'no channels; expected at least one')
+        for key in ('channels', 'actions'):
+            if key in top and isinstance(top[key], yaml.MappingNode) and not top[key].value:
+                self._note(top[key], f'no {key}; expected at least one')
         problem = problem_of_names(names)
         if problem:
             self._note(top.get('channels'), f'the channels have {problem}')
@@ -309,16 +336,19 @@ class _Reader:
         action = self._path(episode['action'], 'episode.action') if 'action' in episode else None
         steps = self._number(episode.get('steps'), 'episode.steps', 1, 10**6)
         discount = self._discount(top['discount']) if 'discount' in top else None
-        source = top['source'].value if 'source' in top else SOURCES[0]
-        if source not in SOURCES:
-            expected = ', '.join(SOURCES)
-            self._note(top['source'], f'source is {_shown(top["source"])}; expected {expected}')
         if self.mistakes:
             return None
         return RobotFile(
             clock, rate, found, reward, terminated, truncated,
-            action and action.topic, steps and int(steps), self._types, discount, source,
+            action and action.topic, steps and int(steps), self._types, discount, source, target,
         )  # fmt: skip
+
+
+def _needed_for(target: str) -> dict[str, str]:
+    """Return what a file must have, with examples: for the action as target no reward."""
+    if target != targets.ACTION:
+        return _NEEDED
+    return {key: example for key, example in _NEEDED.items() if key != 'reward'} | _ACTIONS
 
 
 def _shown(node) -> str:
