@@ -10,6 +10,8 @@ ACCURACY ?=
 EVIDENCE ?=
 ORACLE ?=
 CHANGE ?=
+LOOKS ?=
+CONSTANTS ?=
 LEARNING ?=
 LOOP ?=
 SOAK ?=
@@ -40,7 +42,7 @@ ENTER := . $(VENV)/bin/activate && { [ ! -f install/setup.bash ] || . install/se
 # Run colcon with the environment's own Python: another colcon would build for another Python.
 COLCON := python -c 'import sys; from colcon_core.command import main; sys.exit(main())'
 
-.PHONY: help demo test test-installed test-oldest soak robot load paper benchmark growth accuracy evidence change oracle learning loop lint \
+.PHONY: help demo test test-installed test-oldest soak robot load paper benchmark growth accuracy evidence change looks constants oracle learning loop lint \
 	build clean
 
 help:
@@ -55,6 +57,8 @@ help:
 	@echo "make growth [GROWTH='steps']       time and memory by episodes, steps, channels: growth/"
 	@echo "make accuracy [ACCURACY='--trials 6']  rank sums on many tasks with few episodes"
 	@echo "make evidence [EVIDENCE='--trials 6']  how often exactly the right sensors are confirmed"
+	@echo "make looks [LOOKS='--trials 20']  how often anything irrelevant is ever confirmed over many looks"
+	@echo "make constants [CONSTANTS='--trials 6']  what each constant of the test is worth"
 	@echo "make change [CHANGE='--trials 6']  how soon the selection is right again after the task changed"
 	@echo "make oracle [ORACLE='--trials 6']  rank sums of an oracle that knows all but one channel"
 	@echo "make learning [LEARNING='--trials 4']  whether a selection helps a learner: learning/"
@@ -99,6 +103,12 @@ accuracy: build
 
 evidence: build
 	@$(ENTER) && exec python -m studies.accuracy.evidence $(EVIDENCE)
+
+looks: build
+	@$(ENTER) && exec python -m studies.accuracy.looks $(LOOKS)
+
+constants: build
+	@$(ENTER) && exec python -m studies.accuracy.constants $(CONSTANTS)
 
 change: build
 	@$(ENTER) && exec python -m studies.accuracy.changing_task $(CHANGE)

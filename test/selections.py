@@ -10,7 +10,7 @@ def sensor(name, score=0.5, **more):
     result = SensorResult(name, (name,), is_selected=False, score=score)
     if 'pvalue' in more:
         result = replace(
-            result, null_band=(-0.01, 0.0, 0.02), status='tentative', supporting_channels=(name,)
+            result, null_band=(-0.01, 0.0, 0.02), status='undecided', supporting_channels=(name,)
         )
     return replace(result, **more)
 

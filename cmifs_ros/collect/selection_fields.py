@@ -9,7 +9,8 @@ import dataclasses
 from typing import Any
 
 from cmifs_ros.core.channel_names import MAX_CHANNELS, MAX_NAME_LENGTH
-from cmifs_ros.core.selection import Effect, Selection, SensorResult
+from cmifs_ros.core.effect import Effect
+from cmifs_ros.core.selection import Selection, SensorResult
 from cmifs_ros.core.statuses import STATUSES
 
 #: Of the fields; it changes where an old reader would misread them.
@@ -37,10 +38,11 @@ def fields_of(selection: Selection) -> dict[str, Any]:
 
 
 def _sensor_fields(sensor: SensorResult) -> dict[str, Any]:
-    effect = sensor.effect and sensor.effect._asdict()
-    return {field.name: getattr(sensor, field.name) for field in dataclasses.fields(sensor)} | {
-        'effect': effect
-    }
+    fields = {field.name: getattr(sensor, field.name) for field in dataclasses.fields(sensor)}
+    effect = sensor.effect
+    if effect is not None:
+        fields['effect'] = effect._asdict() | {'low': effect.low, 'high': effect.high}
+    return fields
 
 
 def selection_of(fields: dict[str, Any]) -> Selection:
@@ -98,7 +100,7 @@ def _sensor_of(fields: dict[str, Any]) -> SensorResult:
         supporting_channels=names_of(fields['supporting_channels'], MAX_CHANNELS),
         redundant_with=names_of(fields['redundant_with'], MAX_CHANNELS),
         stability=_number_or_none(fields['stability']),
-        effect=None if effect is None else Effect(*_three([effect[k] for k in Effect._fields])),
+        effect=None if effect is None else Effect(*(float(effect[k]) for k in Effect._fields)),
         why=_text(fields['why']),
     )
 

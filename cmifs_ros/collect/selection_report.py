@@ -9,7 +9,7 @@ from cmifs_ros.core.words import counted, first, listed, short
 NOTHING_SELECTED = 'no evidence that any sensor is informative about the return'
 
 
-def is_tentative(selection: Selection) -> bool:
+def is_undecided(selection: Selection) -> bool:
     """Tell whether nothing is confirmed so far, though something may be yet."""
     return not selection.indices and any(s.status == UNDECIDED for s in selection.sensors)
 
@@ -17,7 +17,7 @@ def is_tentative(selection: Selection) -> bool:
 def headline(selection: Selection) -> str:
     """Return the result in a few words."""
     sizes = counted(selection.episodes, 'episode')
-    if is_tentative(selection):
+    if is_undecided(selection):
         tested = [sensor for sensor in selection.sensors if sensor.status == UNDECIDED]
         best = min(tested, key=lambda sensor: sensor.pvalue)
         return (
@@ -41,17 +41,17 @@ def change(selection: Selection) -> str:
 
 
 def evidence(selection: Selection) -> str:
-    """Return what the result rests on: sizes, scores or p-values, and what was rejected."""
-    shown, rejected = [], []
+    """Return what the result rests on: sizes, scores or p-values, and what is dispensable."""
+    shown, dispensable = [], []
     for sensor in selection.sensors:
         if sensor.status == DISPENSABLE:
-            rejected.append(sensor.name)
+            dispensable.append(sensor.name)
         elif sensor.pvalue is not None:
             shown.append(f'{short(sensor.name)} (p {sensor.pvalue:.2g})')
         else:
             shown.append(f'{short(sensor.name)} ({sensor.score:.3f})')
     parts = [first(shown)] if shown else []
-    parts += [f'rejected {listed(rejected)}'] if rejected else []
+    parts += [f'dispensable {listed(dispensable)}'] if dispensable else []
     redundant = redundancies(selection)
     parts += [f'redundant: {redundant}'] if redundant else []
     parts.append(
@@ -73,7 +73,7 @@ def is_news(selection: Selection, previous: Selection | None) -> bool:
     """Tell whether a selection says something else than the one before."""
     if previous is None:
         return True
-    return (set(selection.names), is_tentative(selection)) != (
+    return (set(selection.names), is_undecided(selection)) != (
         set(previous.names),
-        is_tentative(previous),
+        is_undecided(previous),
     )

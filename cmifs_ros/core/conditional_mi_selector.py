@@ -253,15 +253,25 @@ class ConditionalMISelector(SensorSelector):
         null, num_selected = np.empty((0, 3)), 0
         if living:
             test = self._test(samples, names)
-            findings, null, num_selected = self._search(samples, test, living, start)
-            found = verdicts(
-                test,
-                living,
-                findings,
-                num_selected,
-                significance=self.significance,
-                margin=self.margin,
-            )
+            while True:
+                findings, null, num_selected = self._search(samples, test, living, start)
+                found = verdicts(
+                    test,
+                    living,
+                    findings,
+                    num_selected,
+                    confirmed_before=start,
+                    significance=self.significance,
+                    margin=self.margin,
+                )
+                dispensable = [
+                    finding.sensor
+                    for finding, verdict in zip(findings[:num_selected], found, strict=False)
+                    if finding.sensor in start and verdict.status == DISPENSABLE
+                ]
+                if not dispensable:
+                    break
+                start = [sensor for sensor in start if sensor not in dispensable]
             selected = [c for f in findings[:num_selected] for c in f.channels]
             self.predicted_share_ = test.predicted_share(selected)
             self.predicted_share_of_all_ = test.predicted_share([c for s in living for c in s])

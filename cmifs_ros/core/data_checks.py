@@ -93,9 +93,9 @@ def _mean_returns(episodes, gamma):
 
 
 def _is_autocorrelated(means: np.ndarray) -> bool:
-    """Tell whether neighbours are more alike than two standard errors of white noise."""
+    """Tell whether neighbours are more alike than three standard errors of white noise."""
     means = means - means.mean()
-    return means[1:] @ means[:-1] > 2 / np.sqrt(len(means)) * (means @ means)
+    return means[1:] @ means[:-1] > 3 / np.sqrt(len(means)) * (means @ means)
 
 
 def _problems_of_rewards(episodes) -> list[str]:

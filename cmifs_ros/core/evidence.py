@@ -38,6 +38,8 @@ from .samples import Samples, normal_scores, standardized
 
 #: Gaussians that explain the target by what is given, and those that are functions of the sensor.
 _NUM_CENTERS, _NUM_FUNCTIONS = 50, 60
+#: Regressors are kept for a second question as long as they have no more rows in all.
+_KEPT_ROWS = 20_000
 #: lambda of the TD residual.
 _LAMBDAS = (0.6, 1.0)
 #: A candidate of more channels is reduced to as many principal components.
@@ -88,6 +90,7 @@ class ConditionalTest:
         self._targets = np.column_stack([targets[name][rows.index] for name in self._names])
         self._discount = discount**rows.stride
         self._known: dict[tuple, dict[str, float]] = {}
+        self._contexts: dict[frozenset[int], _Given] = {}
 
     def pvalues(
         self, candidates: Sequence[Sequence[int]], given: Sequence[int]
@@ -130,11 +133,11 @@ class ConditionalTest:
 
         The mean over the variables of the target.
         """
-        columns, context = self._columns(given), _Given(self._rows, given)
+        columns, context = self._columns(given), self._given(given)
         return context.regression.predicted_share(standardized(self._targets[:, columns]))
 
     def _estimators(self, given) -> tuple[dict[str, EffectEstimator], _Given]:
-        columns, context = self._columns(given), _Given(self._rows, given)
+        columns, context = self._columns(given), self._given(given)
         targets = standardized(self._targets[:, columns])
         spaces = context.regression.tuned(targets) if columns else []
         estimators = {
@@ -150,7 +153,7 @@ class ConditionalTest:
         names = [self._names[c] for c in columns]
         if not columns:
             return [{}] * len(candidates)
-        context = _Given(self._rows, given)
+        context = self._given(given)
         left = self._residuals(context.regression, self._targets[:, columns])
         basis = context.regression.basis(context.regression.jointly_tuned(left))
         basis = self._with_drift(basis, left)
@@ -164,6 +167,15 @@ class ConditionalTest:
             return dict(zip(names, pvalues, strict=True))
 
         return self._for_each(of_candidate, candidates, context)
+
+    def _given(self, channels: Sequence[int]) -> _Given:
+        """Return the given channels as regressors; the last few are kept."""
+        key = frozenset(channels)
+        if key not in self._contexts:
+            if len(self._contexts) >= max(1, _KEPT_ROWS // len(self._rows.owner)):
+                del self._contexts[next(iter(self._contexts))]
+            self._contexts[key] = _Given(self._rows, channels)
+        return self._contexts[key]
 
     def _for_each(self, of_candidate: Callable, candidates, context: _Given) -> list:
         """Return what a function gives for the functions of each candidate."""

@@ -18,8 +18,8 @@ _WIDTHS = (0.3, 0.6, 1.2, 2.4, 5.0)
 _RANKS = np.array([0, 1, 2, 3, 4, 6, 8, 11, 16, 23, 32, 45, 64, 90])
 #: Directions of less variance, as a share of the greatest, are rounding errors.
 _LEAST_VARIANCE = 1e-10
-#: What a single episode decides has no fit to the others: least share that is left to these.
-_LEAST_LEFT = 1e-4
+#: What a single episode decides has no fit to the others; this keeps their equations solvable.
+_LEAST_LEFT = 1e-6
 
 
 class Space(NamedTuple):
@@ -169,13 +169,13 @@ def corrected_residual(left: np.ndarray, basis: np.ndarray, starts: np.ndarray) 
         The first row of each episode.
 
     """
+    episodes = np.split(np.arange(len(left)), starts[1:])
+    grams = np.array([basis[rows].T @ basis[rows] for rows in episodes])
+    moments = np.array([basis[rows].T @ left[rows] for rows in episodes])
+    eye = (1 + _LEAST_LEFT) * np.eye(basis.shape[1])
     corrected = left.copy()
-    for rows in np.split(np.arange(len(left)), starts[1:]):
-        own = basis[rows]
-        shares, axes = np.linalg.eigh(own.T @ own)
-        axes = own @ axes
-        factor = 1 / np.maximum(1 - shares, _LEAST_LEFT)
-        corrected[rows] += axes @ (factor[:, None] * (axes.T @ left[rows]))
+    for rows, coefficients in zip(episodes, np.linalg.solve(eye - grams, moments), strict=True):
+        corrected[rows] += basis[rows] @ coefficients
     return corrected
 
 

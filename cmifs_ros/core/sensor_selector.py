@@ -86,8 +86,9 @@ class SensorSelector(ABC):
         names : sequence of str, optional
             One name for each channel; x0, x1, ... by default.
         start : collection of str
-            Sensors of an earlier selection. If the method has a test, the search begins with those
-            that still have evidence, so the selection in use wins ties.
+            Sensors of an earlier selection. Where the method has a test, the search begins with
+            them, and they stay selected unless they are dispensable: so the one in use of two
+            equals stays, and nothing goes for lack of evidence alone.
         progress : callable
             Called with a fraction that grows towards 1 as sensors are found. Their number is not
             known in advance.

@@ -73,11 +73,10 @@ class StepwiseSelection:
     def confirmed(self, start: Sequence[int] = ()) -> list[Finding]:
         """Return the confirmed sensors, in the order in which they were found.
 
-        The search begins with those of `start` that have evidence given each other. Those of weak
-        evidence come last: what tells much and what is redundant with it may score alike.
+        The search begins with the sensors of `start`, which stay. Those of weak evidence come last:
+        what adds much and what is redundant with it may score alike.
         """
         known = [f._replace(pvalue=0.0) for f in self._candidates(start, [])]
-        known = self._without_superfluous(known, num_candidates=len(self._sensors))
         chosen = self._joined([], known)
         while len(chosen) < len(self._sensors):
             found = self._next(chosen)
@@ -87,7 +86,7 @@ class StepwiseSelection:
                 break
             chosen = self._joined(chosen, found)
             self._progress(1 - 0.5 ** len(chosen))
-        chosen = self._without_superfluous(chosen)
+        chosen = self._without_superfluous(chosen, kept=start)
         return self._scored(sorted(chosen, key=lambda f: f.pvalue > _STRONG * self._significance))
 
     def tested(self, sensors: Sequence[int]) -> list[Finding]:
@@ -223,8 +222,10 @@ class StepwiseSelection:
         (together,) = self._criterion([self._given(found)])
         return found if together > max(0.0, *alone) else []
 
-    def _without_superfluous(self, chosen: list[Finding], num_candidates: int = 1) -> list[Finding]:
-        """Remove what has no evidence given the rest, the weakest first.
+    def _without_superfluous(
+        self, chosen: list[Finding], num_candidates: int = 1, kept: Sequence[int] = ()
+    ) -> list[Finding]:
+        """Remove what has no evidence given the rest, the weakest first; but some sensors stay.
 
         What was found among many candidates is not one of many any more: its p-value is that of
         then, unless the greater one is that given the rest.
@@ -236,10 +237,14 @@ class StepwiseSelection:
                 for f in chosen
             ]
             given_rest = [min(1.0, p * num_candidates) for p in given_rest]
-            weakest = int(np.argmax(given_rest))
-            if given_rest[weakest] <= self._significance:
+            weak = [
+                i
+                for i, finding in enumerate(chosen)
+                if given_rest[i] > self._significance and finding.sensor not in kept
+            ]
+            if not weak:
                 break
-            chosen = [finding for i, finding in enumerate(chosen) if i != weakest]
+            del chosen[max(weak, key=given_rest.__getitem__)]
         return [
             finding._replace(pvalue=max(pvalue, finding.pvalue))
             for finding, pvalue in zip(chosen, given_rest[: len(chosen)], strict=True)

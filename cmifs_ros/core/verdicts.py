@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -39,14 +39,15 @@ def verdicts(
     findings: Sequence[Finding],
     num_selected: int,
     *,
+    confirmed_before: Collection[int],
     significance: float,
     margin: float,
 ) -> list[Verdict]:
     """Return a verdict on each finding, of which the first are selected.
 
-    A sensor is dispensable if it is not confirmed and adds less than `margin` of the target's
-    variance, with 95 % confidence, and so do its products with other sensors that seem so: two
-    that matter only together are not.
+    What was confirmed before stays so unless it is dispensable now. A sensor is dispensable if it
+    is not confirmed and adds less than `margin` of the target's variance, with 95 % confidence,
+    and so do its products with other sensors that seem so: two that matter only together are not.
     """
     selected = list(findings[:num_selected])
     given = [c for finding in selected for c in finding.channels]
@@ -64,16 +65,15 @@ def verdicts(
         if f.pvalue > significance and effect.upper_bound < margin
     ]
     dispensable = set(small) - _not_in_pairs(test, sensors, small, given, margin)
-    return [
-        Verdict(_status(f, dispensable, significance), effect, test.why(f.channels, others))
-        for f, effect, others in found
-    ]
+    kept = {f.sensor for f in selected} & set(confirmed_before)
 
+    def status(finding):
+        if finding.sensor in dispensable:
+            return DISPENSABLE
+        is_confirmed = finding.pvalue <= significance or finding.sensor in kept
+        return CONFIRMED if is_confirmed else UNDECIDED
 
-def _status(finding: Finding, dispensable: set[int], significance: float) -> str:
-    if finding.pvalue <= significance:
-        return CONFIRMED
-    return DISPENSABLE if finding.sensor in dispensable else UNDECIDED
+    return [Verdict(status(f), effect, test.why(f.channels, others)) for f, effect, others in found]
 
 
 def _not_in_pairs(test, sensors, small, given, margin) -> set[int]:

@@ -126,6 +126,7 @@ class SamplerStatus:
             'messages': now['received'][topic],
             'rate in Hz': _rate(now['received'][topic] - past['received'][topic], seconds),
             'age in s': f'{age:.1f}',
+            'waited for in s': f'{self._sampler.wait_for(topic):.2f}',
             'late': now['late'][topic],
             'wrong': now['wrong'][topic],
         }

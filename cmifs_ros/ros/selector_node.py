@@ -31,7 +31,7 @@ from cmifs_ros.collect.selection_report import (
     evidence,
     headline,
     is_news,
-    is_tentative,
+    is_undecided,
 )
 from cmifs_ros.core import Episode
 from cmifs_ros.core.selection import Selection
@@ -293,7 +293,7 @@ class SelectorNode(Node):
             self._buffer.forget(selected_from[: selection.outdated])
             self._save()
         if not selection.indices:
-            level = diagnostics.OK if is_tentative(selection) else diagnostics.WARN
+            level = diagnostics.OK if is_undecided(selection) else diagnostics.WARN
             self._so_far = level, headline(selection)
             self.get_logger().info(f'{headline(selection)}: {evidence(selection)}')
             return outcome

@@ -55,7 +55,7 @@ score      what the return shares with this sensor and those selected before
            more sensors are harder to learn from, and that does no harm
 null band  the scores of an uninformative sensor there, 5 % to 95 %
 p          from a test of its own, which is sharper than the score
-status     confirmed, tentative (more episodes may settle it) or rejected"""
+status     confirmed, undecided (more episodes may settle it) or dispensable"""
 NEXT = """\
 your own robot next, from what it publishes already (docs/robot_file.md):
   ros2 bag record -a --include-hidden-topics -o my_bag

@@ -42,9 +42,10 @@ _READING = (
     'sensor that is not selected, with all that are. Grey is the null band: the scores that an '
     'uninformative sensor would have there. The score may fall from one sensor to the next, since '
     'more sensors are harder to learn from; that does no harm. p comes from a test of its own, '
-    'which is sharper than the score. Confirmed: there is evidence. Tentative: the evidence is '
-    'weak; more episodes may settle it. Rejected: no evidence that the sensor is informative '
-    'beside the confirmed ones. Below the selected sensors come first those that are likely to '
+    'which is sharper than the score. Confirmed: there is evidence that the '
+    'sensor is informative beside the others selected. Dispensable: there is none, and with 95 % '
+    'confidence it adds less than a margin to what the others predict. Undecided: neither; more '
+    'episodes may settle it. Below the selected sensors come first those that are likely to '
     'be informative beside these and each other, then the rest by score, whatever their status.'
 )
 

@@ -8,11 +8,12 @@ from __future__ import annotations
 import argparse
 import shutil
 import sys
+from pathlib import Path
 
 from cmifs_ros.collect.bag import BagError
 from cmifs_ros.collect.robot_file.template import robot_file_of_bag, robot_file_of_topics
 
-from .arguments import file_to_write, number_from
+from .arguments import file_to_write, home_path, number_from
 from .program import CommandError, exit_code
 
 
@@ -20,7 +21,10 @@ def main(arguments: list[str] | None = None) -> int:
     """Run the command; return its exit code."""
     parser = argparse.ArgumentParser('make_robot_file', description=__doc__)
     parser.add_argument(
-        '--bag', metavar='BAG', help='a file or a folder (default: listen to what is running)'
+        '--bag',
+        type=home_path,
+        metavar='BAG',
+        help='a file or a folder (default: listen to what is running)',
     )
     parser.add_argument(
         '--seconds', type=number_from(1), default=5, metavar='N',
@@ -57,7 +61,7 @@ def _run(options: argparse.Namespace) -> None:
     print(f'written: {options.out}; decide what is marked TODO in it, then: {then}')
 
 
-def _read(bag: str) -> str:
+def _read(bag: Path) -> str:
     from tqdm import tqdm
 
     def watch(messages, total):

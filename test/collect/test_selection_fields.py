@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from selections import selection, sensor
 
 from cmifs_ros.collect.selection_fields import VERSION, fields_of, selection_of
-from cmifs_ros.core.selection import Effect, SensorResult
+from cmifs_ros.core.effect import Effect
+from cmifs_ros.core.selection import SensorResult
 
 names = st.text(min_size=1, max_size=9)
 numbers = st.floats(allow_nan=False)
@@ -32,11 +33,11 @@ def selections(draw):
                 is_constant=draw(st.booleans()),
                 null_band=draw(st.none() | st.tuples(numbers, numbers, numbers)),
                 pvalue=draw(st.floats(0, 1)) if is_tested else None,
-                status='tentative' if is_tested else None,
+                status='undecided' if is_tested else None,
                 supporting_channels=channels[:1],
                 redundant_with=draw(st.sampled_from([(), ('x',), ('x', 'y')])),
                 stability=draw(st.none() | st.floats(0, 1)),
-                effect=draw(st.none() | st.builds(Effect, numbers, numbers, numbers)),
+                effect=draw(st.none() | st.builds(Effect, *[st.floats(-1e6, 1e6)] * 2)),
                 why=draw(st.text(max_size=20)),
             )
         )
@@ -81,7 +82,7 @@ def test_what_cannot_be_is_refused(change, message):
 @pytest.mark.parametrize(
     ('change', 'message'),
     [
-        ({'status': 'sure'}, "status 'sure'; expected one of confirmed, tentative, rejected"),
+        ({'status': 'sure'}, "status 'sure'; expected one of confirmed, undecided, dispensable"),
         ({'pvalue': None}, "status 'confirmed' with pvalue None; expected both"),
         ({'null_band': [1.0]}, 'not enough values'),
         ({'redundant_with': [7]}, 'a name that is no text'),

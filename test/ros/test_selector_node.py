@@ -377,12 +377,12 @@ def test_where_nothing_is_confirmed_the_diagnostics_tell_how_far_it_is(selector,
     found = json.loads(reply.message)
     assert found['names'] == []
     assert reply.success
-    tentative = 'tentative' in [sensor['status'] for sensor in found['sensors']]
+    undecided = 'undecided' in [sensor['status'] for sensor in found['sensors']]
     assert found['number'] == 0
-    what = 'nothing confirmed yet; 24 episodes' if tentative else 'no evidence that any'
+    what = 'nothing confirmed yet; 24 episodes' if undecided else 'no evidence that any'
     status = 'selector: selection'
     robot.until(lambda: robot.diagnostics[status][1].startswith(what))
-    assert robot.diagnostics[status][0] == (OK if tentative else WARN)
+    assert robot.diagnostics[status][0] == (OK if undecided else WARN)
 
 
 def test_of_rewards_by_which_no_return_differs_the_cause_is_told(selector, robot):

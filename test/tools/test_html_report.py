@@ -23,7 +23,7 @@ def make_episodes(count=12, num_channels=4):
 X = sensor('x', 0.25, is_selected=True, pvalue=0.0012, status='confirmed', stability=1.0)
 Y = sensor('y', 0.375, is_selected=True, pvalue=0.2, stability=0.75)
 BATTERY = sensor(
-    'battery', 0.36, pvalue=0.9, status='rejected', null_band=(0.35, 0.36, 0.37), stability=0.125
+    'battery', 0.36, pvalue=0.9, status='dispensable', null_band=(0.35, 0.36, 0.37), stability=0.125
 )
 SELECTION = selection(X, Y, BATTERY)
 #: As a method without evidence gives it.
@@ -64,7 +64,7 @@ def test_the_page_shows_the_evidence_of_each_sensor_and_what_was_dropped(tmp_pat
     assert path == tmp_path / 'new' / 'index.html'
     rows = [re.sub(r'<[^>]*>', '|', row) for row in re.findall(r'<tr>.*?</tr>', page.source)]
     (row,) = [row for row in rows if '|battery|' in row and '|3|' in row]
-    for cell in ('0.360', '0.350 to 0.370', '0.9', 'rejected', '12%'):
+    for cell in ('0.360', '0.350 to 0.370', '0.9', 'dispensable', '12%'):
         assert f'|{cell}|' in row, (cell, row)
     assert any('|late|' in row and '|7|' in row for row in rows)
     assert not any('|lost|' in row for row in rows)

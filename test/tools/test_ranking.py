@@ -12,7 +12,7 @@ BARE = selection(
 RAYS = tuple(f'scan[{i}]' for i in range(6, 10))
 X = sensor('x', 0.25, is_selected=True, pvalue=0.0012, status='confirmed')
 SCAN = sensor('scan', pvalue=0.2, null_band=(0.24, 0.25, 0.27), supporting_channels=RAYS)
-STILL = sensor('still', -0.1, pvalue=1.0, status='rejected', null_band=(0.35, 0.36, 0.37))
+STILL = sensor('still', -0.1, pvalue=1.0, status='dispensable', null_band=(0.35, 0.36, 0.37))
 FULL = selection(X, SCAN, STILL)
 NOTHING = selection(replace(X, is_selected=False), SCAN, STILL)
 
@@ -25,10 +25,10 @@ def test_the_table_has_the_evidence_where_there_is_some():
         '   3  still   -0.100',
     ]
     assert ranking_text(FULL).splitlines() == [
-        'rank  sensor   score        null band       p  status     supporting channels',
+        'rank  sensor   score        null band       p  status       supporting channels',
         '   1  x        0.250  -0.010 to 0.020  0.0012  confirmed',
-        '   2  scan     0.500   0.240 to 0.270     0.2  tentative  scan[6], scan[7] and 2 more',
-        '   3  still   -0.100   0.350 to 0.370       1  rejected',
+        '   2  scan     0.500   0.240 to 0.270     0.2  undecided    scan[6], scan[7] and 2 more',
+        '   3  still   -0.100   0.350 to 0.370       1  dispensable',
     ]
 
 

@@ -105,8 +105,8 @@ def test_what_is_worth_recording_is_written_as_arguments(tmp_path, robot):
     assert main([str(tmp_path / 'bag'), *options]) == 0
     selection = json.loads((tmp_path / 'selection.json').read_text())
     status = {sensor['name']: sensor['status'] for sensor in selection['sensors']}
-    assert (status['x'], status['ray']) == ('confirmed', 'rejected')
-    expected = {'/pose', '/pay'} | ({'/noise'} if status['noise'] != 'rejected' else set())
+    assert (status['x'], status['ray']) == ('confirmed', 'dispensable')
+    expected = {'/pose', '/pay'} | ({'/noise'} if status['noise'] != 'dispensable' else set())
     mark, *named = topics.read_text().split()
     assert (mark, set(named)) == ('--topics', expected)
 
@@ -483,3 +483,23 @@ def test_a_robot_file_is_not_written_over_another(tmp_path, robot, capsys):
     assert 'exists; expected the name of a new file' in capsys.readouterr().err
     with open(robot) as file:
         assert file.read() == ROBOT
+
+
+def test_states_and_rewards_are_known_by_their_stamps_in_a_long_bag_too(tmp_path, capsys):
+    """The recorder heard the states first: no two messages have the same place in their topics."""
+    rng = np.random.default_rng(0)
+    written = [(rng.normal(size=(50, 2)), rng.normal(size=50)) for _ in range(50)]
+    write_states_and_rewards(tmp_path / 'bag', written)
+    called = {'/robot/state': '/seen', '/robot/reward': '/paid'}
+    kind = 'sensor_msgs/msg/JointState'
+    with open_bag(tmp_path / 'bag') as reader, Writer(
+        tmp_path / 'again', version=9, storage_plugin=StoragePlugin.MCAP
+    ) as writer:  # fmt: skip
+        topics = {t: writer.add_connection(to, kind, typestore=STORE) for t, to in called.items()}
+        for number, (connection, time, data) in enumerate(reader.messages(reader.topics)):
+            if number > 300 or connection.topic == '/robot/state':
+                writer.write(topics[connection.topic], time, data)
+    assert make_robot_file(['--bag', str(tmp_path / 'again')]) == 0
+    text = capsys.readouterr().out
+    assert '# /paid: a reward; not a sensor' in text
+    assert '# /seen: it has the stamps of the reward /paid; not a sensor' in text

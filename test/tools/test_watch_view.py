@@ -21,7 +21,7 @@ VALUES = {
 }
 X = sensor('x', 0.25, is_selected=True, pvalue=0.0021, status='confirmed')
 Y = sensor('y', 1.0, is_selected=True, pvalue=0.2)
-BATTERY = sensor('battery', 0.5, pvalue=0.9, status='rejected')
+BATTERY = sensor('battery', 0.5, pvalue=0.9, status='dispensable')
 
 
 def text_of(snapshot, width=80, **options):
@@ -52,7 +52,7 @@ def test_the_view_shows_input_selection_evidence_and_cost_within_80_columns():
     assert [rows[n][2] for n in ('x', 'y', 'battery')] == ['0.250', '1.000', '0.500']
     assert len(rows['y'][3]) == 4 * len(rows['x'][3]) == 2 * len(rows['battery'][3])
     assert rows['y'][4] == '0.2'
-    assert rows['battery'][5] == 'rejected'
+    assert rows['battery'][5] == 'dispensable'
 
 
 def test_redundant_sensors_are_named():

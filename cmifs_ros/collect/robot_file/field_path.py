@@ -230,7 +230,8 @@ def parse_field_path(text: str) -> FieldPath:
         raise ValueError(f'{shown} is no path; expected e.g. /odom.pose.pose.position.x')
     if topic.end() > _MAX_TOPIC:
         raise ValueError(f'{shown} has a topic of {topic.end()} characters; at most {_MAX_TOPIC}')
-    position, fields = topic.end(), []
+    position = topic.end()
+    fields: list[str] = []
     while (field := _FIELD.match(text, position)) is not None:
         fields += filter(None, field.groups())
         position = field.end()

@@ -40,6 +40,7 @@ class Trace:
 
     def __init__(self, topic: str, kind: str):
         self.topic, self.kind = topic, kind
+        self.is_state = kind == _STATE  # Of positions alone, as those of this package.
         self.space, _, self.last = topic.rpartition('/')
         self.names: frozenset[str] = frozenset()
         self.stamps: set[int] = set()
@@ -48,7 +49,7 @@ class Trace:
     @property
     def is_open(self) -> bool:
         """Whether another message could tell something."""
-        return self.kind == _STATE and len(self.stamps) < MAX_STAMPS
+        return self.is_state and len(self.stamps) < MAX_STAMPS
 
     def look(self, message) -> None:
         """Take in a message."""
@@ -57,7 +58,7 @@ class Trace:
         if not self.is_open:
             return
         if len(message.velocity) or len(message.effort):
-            self.kind = f'{_STATE} of more than positions'
+            self.is_state = False
             return
         stamp = message.header.stamp
         self.stamps.add(stamp.sec * 10**9 + stamp.nanosec)
@@ -66,13 +67,13 @@ class Trace:
     @property
     def is_reward(self) -> bool:
         """Whether it says what is paid, as `reward` does."""
-        if self.kind == _STATE and 'reward' in self.names:
+        if self.is_state and 'reward' in self.names:
             return self.last == 'reward' or self.names <= _REWARD_FIELDS
         return self.last == 'reward'
 
     def has_stamps_of(self, other: Trace) -> bool:
         """Tell whether its messages have the stamps of another topic's."""
-        if self.kind != _STATE or not self.stamps or not other.stamps:
+        if not (self.is_state and self.stamps and other.stamps):
             return False
         begin = max(min(self.stamps), min(other.stamps))
         end = min(max(self.stamps), max(other.stamps))
@@ -106,7 +107,7 @@ def own_topics(traces: Iterable[Trace]) -> dict[str, str]:
             continue
         if _OF_SELECTOR.get(trace.last) == trace.kind or trace.label == 'channel':
             own[trace.topic] = 'published by a selector'
-        elif trace.kind == _STATE and trace.names and trace.names <= channels | stems:
+        elif trace.is_state and trace.names and trace.names <= channels | stems:
             own[trace.topic] = f'it has the channel names of {states[0].topic}'
     return own
 

@@ -88,7 +88,8 @@ class _Choice:
             is_same = data == self._last.get(topic)
             self._last[topic] = data
             return not is_same
-        is_chosen = (self._counts[topic] - 1) % -(-heard.count // MAX_LOOKS) == 0
+        is_in_turn = (self._counts[topic] - 1) % -(-heard.count // MAX_LOOKS) == 0
+        is_chosen = is_in_turn or heard.trace.is_open
         heard.num_unseen += not is_chosen
         return is_chosen
 

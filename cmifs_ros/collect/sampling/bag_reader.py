@@ -15,10 +15,10 @@ from typing import Any, NamedTuple
 
 import yaml
 
+from .mcap_storage import McapStorage
 from .storages import (
     CompressedMessages,
     Connection,
-    McapStorage,
     Ros1Storage,
     SqliteStorage,
     Storage,
@@ -31,7 +31,11 @@ _MEND = 'one that was cut off is mended by `mcap recover` (MCAP) or `ros2 bag re
 _DECODED = ('cdr', 'ros1')
 #: What stands before each type in a definition of several.
 _IDL = re.compile(r'(?m)^=+\nIDL: .*\n')
-_STORAGES = {'.mcap': McapStorage, '.db3': SqliteStorage, '.bag': Ros1Storage}
+_STORAGES: dict[str, Callable[[Path], Storage]] = {
+    '.mcap': McapStorage,
+    '.db3': SqliteStorage,
+    '.bag': Ros1Storage,
+}
 
 
 class BagError(Exception):

@@ -105,5 +105,5 @@ class EpisodeEnds:
             if not math.isnan(value):
                 self._holds[end] = bool(value)
         # Between episodes a mere event has passed: a message of a topic, or a goal's end.
-        may_hold = is_open or (isinstance(rule, FieldPath) and rule.fields)
+        may_hold = is_open or (isinstance(rule, FieldPath) and bool(rule.fields))
         return self._holds[end] or (may_hold and self._events[end])

@@ -11,7 +11,7 @@ from __future__ import annotations
 import heapq
 from collections import Counter, deque
 from collections.abc import Iterable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 SECOND = 1_000_000_000
 #: A message this far from the others is wrong; if its topic and others go on so, the clock was set.
@@ -44,7 +44,7 @@ class Message(NamedTuple):
     sequence: int
     topic: str
     is_stamped: bool
-    content: object
+    content: Any
 
 
 class Moment(NamedTuple):
@@ -122,6 +122,7 @@ class EventOrder:
         self._begun_at = time
         self._waiting: list[Message] = []
         self._newest: dict[str, int] = {}
+        self._repeated: set[str] = set()  # Topics that have spoken more than once.
         self._passed: int | None = None  # All before this time has been worked through.
         self._suspects: dict[str, _Suspects] = {}
 
@@ -130,7 +131,7 @@ class EventOrder:
         self.wrong[topic] += 1
         self.last_wrong[topic] = what[:300]
 
-    def add(self, topic: str, stamp: int, is_stamped: bool, content: object) -> list[Moment]:
+    def add(self, topic: str, stamp: int, is_stamped: bool, content: Any) -> list[Moment]:
         """Take a message; return the moments that are complete now, in order.
 
         Parameters
@@ -175,6 +176,10 @@ class EventOrder:
             return self._change_clock(stamp)
         return [] if is_far else self._due()
 
+    def wait_for(self, topic: str) -> float:
+        """Return for how many seconds a topic is waited for at present."""
+        return self._waits[topic] / SECOND
+
     def set_clock(self, now: int) -> list[Moment]:
         """Take what /clock says, in nanoseconds: if it was set back, all begins anew."""
         before, self._clock = self._clock, now
@@ -211,6 +216,8 @@ class EventOrder:
     def _accept(self, message: Message) -> bool:
         """Have a message wait; return False, and count it, if it is too late for that."""
         topic, stamp = message.topic, message.stamp
+        if topic in self._newest:
+            self._repeated.add(topic)
         self._newest[topic] = max(stamp, self._newest.get(topic, stamp))
         (self._unstamped.discard if message.is_stamped else self._unstamped.add)(topic)
         if self._passed is not None and stamp < self._passed:
@@ -258,7 +265,7 @@ class EventOrder:
         """Whether the time of these suspects is that of the others, too.
 
         A far time is, if more topics have it than may go on with the old one; a time that is some
-        seconds back, if no topic goes on with the old one.
+        seconds back, if no topic goes on with the old one. One that spoke once is not expected to.
         """
         joined = {
             topic: other
@@ -272,7 +279,9 @@ class EventOrder:
         if suspects.stamp - suspects.since >= PATIENCE:
             suspects.since, suspects.newest_then = suspects.stamp, dict(self._newest)
             others = go_on
-        return len(joined) > len(others) and (suspects.is_far or not go_on)
+        if suspects.is_far:
+            return len(joined) > len(others)
+        return not go_on and len(joined) > len(others & self._repeated)
 
     def _change_clock(self, time: int) -> list[Moment]:
         """End what was before the clock was set; what has come of the time after it counts."""

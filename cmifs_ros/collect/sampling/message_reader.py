@@ -48,7 +48,16 @@ class MessageReader:
     """Read messages of whatever type, as a robot file says."""
 
     def __init__(self, robot: RobotFile):
-        self._robot = robot
+        self._status_topic = robot.action + STATUS if robot.action else None
+        rules = {key: getattr(robot, key) for key in ('reward', *ENDS)}
+        self._rules = {
+            topic: [
+                (key, rule)
+                for key, rule in rules.items()
+                if isinstance(rule, FieldPath) and rule.topic == topic
+            ]
+            for topic in robot.topics
+        }
         self._by_topic: dict[str, list[Source]] = {topic: [] for topic in robot.topics}
         for source in robot.sources:
             self._by_topic[source.path.topic].append(source)
@@ -73,31 +82,24 @@ class MessageReader:
                 problem = str(error)
             except _UNREADABLE as error:
                 problem = str(error)
-        for read in (self._read_reward, self._read_ends, self._read_goals):
+        for key, rule in self._rules[topic]:
             try:
-                read(topic, message, content)
+                said = sum(rule.numbers_in(message)) if rule.fields else 1.0
+            except _UNREADABLE as error:
+                problem = str(error)
+                continue
+            if key == 'reward':
+                content.reward = said
+            else:
+                content.ends[key] = bool(said)
+        if topic == self._status_topic:
+            try:
+                content.goals = _goals_of(topic, message)
             except _UNREADABLE as error:
                 problem = str(error)
         return stamp, content, problem
 
-    def _said(self, rule, topic: str, message) -> float | None:
-        """Return what a message says by a path, None if it is none of its topic."""
-        if not isinstance(rule, FieldPath) or rule.topic != topic:
-            return None
-        return sum(rule.numbers_in(message)) if rule.fields else 1.0
 
-    def _read_reward(self, topic: str, message, content: Content) -> None:
-        content.reward = self._said(self._robot.reward, topic, message)
-
-    def _read_ends(self, topic: str, message, content: Content) -> None:
-        for end in ENDS:
-            said = self._said(getattr(self._robot, end), topic, message)
-            if said is not None:
-                content.ends[end] = bool(said)
-
-    def _read_goals(self, topic: str, message, content: Content) -> None:
-        if self._robot.action and topic == self._robot.action + STATUS:
-            content.goals = [
-                (bytes(map(int, entry.goal_info.goal_id.uuid)), int(entry.status))
-                for entry in FieldPath(topic, ('status_list',)).values_in(message)[0]
-            ]
+def _goals_of(topic: str, message) -> list[tuple[bytes, int]]:
+    (entries,) = FieldPath(topic, ('status_list',)).values_in(message)
+    return [(bytes(map(int, e.goal_info.goal_id.uuid)), int(e.status)) for e in entries]

@@ -17,13 +17,13 @@ _NAN, _INFINITE, NO_VALUE = 'it is NaN', 'it is infinite', 'it has no value'
 _UNLISTED = 'it is of a kind that its one_hot does not list'
 
 
-def cause(source: Source, since: int | None, values: Sequence[float], time: int) -> str | None:
+def cause(source: Source, since: float | None, values: Sequence[float], time: int) -> str | None:
     """Return why the newest values of a source cannot be used at a time, None if they can.
 
     Parameters
     ----------
     source : Source
-    since : int or None
+    since : float or None
         The time of these values in nanoseconds, None if there were none.
     values : sequence of float
     time : int

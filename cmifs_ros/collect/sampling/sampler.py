@@ -147,6 +147,10 @@ class Sampler:
             self._order.pass_by(self._last_time)
         return steps
 
+    def wait_for(self, topic: str) -> float:
+        """Return for how many seconds a topic is waited for at present."""
+        return self._order.wait_for(topic)
+
     def note_wrong(self, topic: str, what: str) -> None:
         """Count a message that cannot be used."""
         self._order.note_wrong(topic, what)

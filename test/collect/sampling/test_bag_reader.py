@@ -2,6 +2,7 @@
 
 import sqlite3
 
+import numpy as np
 import pytest
 
 pytest.importorskip('rosbags', reason='rosbags is not here')
@@ -13,7 +14,7 @@ from mcap.writer import CompressionType, IndexType, Writer
 from cmifs_ros.collect.bag import BagError, episodes_of_bag
 from cmifs_ros.collect.robot_file import parse_robot_file
 from cmifs_ros.collect.robot_file.template import robot_file_of_bag
-from cmifs_ros.collect.sampling.bag_reader import open_bag
+from cmifs_ros.collect.sampling.bag_reader import messages_of, open_bag
 
 SRV = '=' * 80 + '\nSRV: a/srv/B_Event\nint64 a\n---\nint64 sum\n'
 #: Channels beside the robot's: type, encoding and text of the schema, how messages are written.
@@ -139,3 +140,57 @@ def test_a_file_that_was_cut_off_is_told(tmp_path, recorded, share):
     path.write_bytes(path.read_bytes()[: int(path.stat().st_size * share)])
     with pytest.raises(BagError, match=r'does not end as MCAP files do; .* `mcap recover`'):
         episodes_of_bag(path, ROBOT)
+
+
+def test_a_bag_of_ros_1_holds_the_same(tmp_path, recorded):
+    from rosbags.rosbag1 import Writer as Writer1
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS1_NOETIC)
+    types = store.types
+    write_bag(tmp_path / 'bag', 200)
+    with open_bag(tmp_path / 'bag') as reader, Writer1(tmp_path / 'one.bag') as writer:
+        named = {'/pose', '/noise', '/pay'}
+        topics = {
+            topic: writer.add_connection(topic, reader.topics[topic].msgtype, typestore=store)
+            for topic in named
+        }
+        for topic, message, time in messages_of(reader, tmp_path, named):
+            if topic == '/pose':
+                head, point = message.header, message.pose.position
+                stamp = types['builtin_interfaces/msg/Time'](head.stamp.sec, head.stamp.nanosec)
+                pose = types['geometry_msgs/msg/Pose'](
+                    types['geometry_msgs/msg/Point'](point.x, point.y, point.z),
+                    types['geometry_msgs/msg/Quaternion'](0.0, 0.0, 0.0, 1.0),
+                )
+                sent = types['geometry_msgs/msg/PoseStamped'](
+                    types['std_msgs/msg/Header'](0, stamp, 'map'), pose
+                )
+            else:
+                sent = types['std_msgs/msg/Float64'](message.data)
+            writer.write(topics[topic], time, store.serialize_ros1(sent, sent.__msgtype__))
+    assert content(tmp_path / 'one.bag') == recorded[1]
+    with open_bag(tmp_path / 'one.bag') as reader:
+        assert reader.topics['/pose'].msgcount == 200
+        assert reader.duration == 199 * 10**8 + 1000
+
+
+def test_a_definition_in_idl_of_several_types_is_understood(tmp_path, recorded):
+    structs = {'Whole': 'a::msg::Part part', 'Part': 'double x'}
+    text = ''.join(
+        '=' * 80 + f'\nIDL: a/msg/{name}\nmodule a {{ module msg {{ struct {name} {{ {fields}; }}; '
+        '}; };\n'
+        for name, fields in structs.items()
+    )
+    path = tmp_path / 'bag.mcap'
+    with path.open('wb') as target:
+        writer = Writer(target)
+        writer.start('ros2')
+        schema = writer.register_schema('a/msg/Whole', 'ros2idl', text.encode())
+        channel = writer.register_channel('/t', 'cdr', schema)
+        writer.add_message(channel, 5, b'\0\1\0\0' + np.float64(2.5).tobytes(), 5)
+        writer.finish()
+    with open_bag(path) as reader:
+        assert reader.unreadable == {}
+        ((topic, message, time),) = messages_of(reader, path, {'/t'})
+    assert (topic, message.part.x, time) == ('/t', 2.5, 5)

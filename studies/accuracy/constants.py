@@ -1,0 +1,124 @@
+"""What each constant of the test is worth: power and level with others in its place.
+
+Power is the mean of -log10 p of the sensors that matter, each tested given the others that do;
+level is the share of p-values of at most 0.05 among those that do not, given all that do.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import NamedTuple
+
+import numpy as np
+from joblib import Parallel, delayed
+
+from cmifs_ros.core import Episode
+from cmifs_ros.core.samples import collect_samples
+from cmifs_ros.core.targets import RETURN, TargetTest
+from cmifs_ros.tools.program import exit_code
+from studies.tasks.registry import TASKS
+from studies.trials.arguments import study_parser
+from studies.trials.tables import markdown_table
+
+_GAMMA = 0.95
+_TASKS = ('with_gravel', 'without_gravel', 'point_robot', 'cart_pole', 'chain')
+_NUM_EPISODES = 40
+#: p-values below are as good as this one.
+_LEAST = 1e-6
+
+
+class Constant(NamedTuple):
+    """A constant of a module of core, and values that it might have instead."""
+
+    module: str
+    name: str
+    others: tuple
+
+
+CONSTANTS = (
+    Constant('evidence', '_NUM_CENTERS', (25, 100)),
+    Constant('evidence', '_NUM_FUNCTIONS', (30, 120)),
+    Constant('evidence', '_LAMBDAS', ((1.0,), (0.0,), (0.0, 0.6, 1.0))),
+    Constant('evidence', '_LEAST_OWN_SHARE', (1e-5, 1e-2)),
+    Constant('episode_rows', '_MAX_ROWS', (2000,)),
+    Constant('episode_rows', '_NUM_FOLDS', (3, 10)),
+    Constant('episode_rows', '_MAX_SHIFTS', (20,)),
+    Constant('products', '_WHITENINGS', (np.array([1e-1]), np.array([1e-2]), np.array([1e-3]))),
+    Constant('kernel_regression', '_WIDTHS', ((1.2,), (0.6, 2.4))),
+    Constant('kernel_regression', '_RANKS', (np.array([0, 4, 16, 64]), np.arange(91))),
+    Constant('drift', '_PRICE', (2.0, 1e9)),
+    Constant('chance', '_GREATEST', (0.99,)),
+)
+
+
+def outcome(task: str, seed: int) -> tuple[list[float], list[float]]:
+    """Return the p-values of the channels that matter, and of those that do not."""
+    of_task = TASKS[task]
+    sensors = list(of_task.sensors.values())
+    relevant = [c for i in of_task.relevant for c in sensors[i]]
+    episodes = [Episode(e.states, e.rewards) for e in of_task.rollout(_NUM_EPISODES, seed)]
+    samples = collect_samples(episodes, gamma=_GAMMA, standardize=True)
+    test = TargetTest(samples, RETURN, of_task.channel_names, [], _GAMMA, random_state=seed)
+    power = [float(test([(c,)], [r for r in relevant if r != c])[0]) for c in relevant]
+    rest = [(c,) for c in range(samples.states.shape[1]) if c not in relevant]
+    return power, test(rest, relevant).tolist()
+
+
+@contextmanager
+def changed(constant: Constant, value) -> Iterator[None]:
+    """Set a constant to another value meanwhile."""
+    module = importlib.import_module(f'cmifs_ros.core.{constant.module}')
+    before = getattr(module, constant.name)
+    setattr(module, constant.name, value)
+    try:
+        yield
+    finally:
+        setattr(module, constant.name, before)
+
+
+def measured(constant: Constant | None, value, seeds: range) -> tuple[float, float]:
+    """Return the power and the level, with a constant changed or with none."""
+
+    def all_outcomes():
+        return [outcome(task, seed) for task in _TASKS for seed in seeds]
+
+    if constant is None:
+        outcomes = all_outcomes()
+    else:
+        with changed(constant, value):
+            outcomes = all_outcomes()
+    power = [p for of_relevant, _ in outcomes for p in of_relevant]
+    level = [p for _, of_rest in outcomes for p in of_rest]
+    return (
+        float(np.mean(-np.log10(np.maximum(power, _LEAST)))),
+        float(np.mean(np.array(level) <= 0.05)),
+    )
+
+
+def run(options: argparse.Namespace) -> None:
+    """Measure each constant, and print the table."""
+    seeds = range(options.first_seed, options.first_seed + options.trials)
+    jobs = [(None, None)] + [(c, value) for c in CONSTANTS for value in c.others]
+    results = Parallel(options.jobs or -1)(delayed(measured)(*job, seeds) for job in jobs)
+    rows = []
+    for (constant, value), (power, level) in zip(jobs, results, strict=True):
+        name = f'{constant.module}.{constant.name}' if constant else 'as they are'
+        shown = '' if constant is None else np.array2string(np.asarray(value), threshold=6)
+        rows.append((name, shown, f'{power:.2f}', f'{level:.1%}'))
+    print(f'\n{options.trials} trials, seeds {seeds.start} to {seeds.stop - 1}.\n')
+    print(markdown_table(('constant', 'set to', 'power', 'level at 5 %'), rows), end='')
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the study; return the exit code."""
+    parser = study_parser('constants', __doc__, trials=16, first_seed=1000)
+    options = parser.parse_args(arguments)
+    return exit_code('constants', lambda: run(options), 'nothing is kept')
+
+
+if __name__ == '__main__':
+    sys.exit(main())
