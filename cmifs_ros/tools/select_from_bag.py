@@ -165,7 +165,7 @@ def _select(bags: list[BagEpisodes], robot: RobotFile | None, options: argparse.
         raise BagError('; '.join([*pool.notes, *problems]))
     for problem in (*pool.notes, *problems):
         print(f'warning: {problem}')
-    target = options.target or (robot.target if robot else RETURN)
+    target = options.target or (robot and robot.target) or RETURN
     if target == ACTION and not pool.action_names:
         raise CommandError(
             "target is 'action', but the episodes have no actions: add `actions` to the robot "

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 from cmifs_ros.collect.discount import Discount
 from cmifs_ros.collect.sensor_groups import groups_by_name
-from cmifs_ros.core.targets import RETURN
 from cmifs_ros.core.words import first
 
 from .expression import FUNCTIONS, Expression
@@ -137,8 +136,8 @@ class RobotFile:
         How far ahead the return looks, if the file says so.
     source : str
         What tells which robot a bag is of: one of `SOURCES`.
-    target : str
-        What sensors are selected for: one of `TARGETS`.
+    target : str or None
+        What sensors are selected for: one of `TARGETS`, if the file says so.
 
     """
 
@@ -153,7 +152,7 @@ class RobotFile:
     types: dict[str, str] | None = None
     discount: Discount | None = None
     source: str = 'none'
-    target: str = RETURN
+    target: str | None = None
 
     @property
     def channel_names(self) -> tuple[str, ...]:

@@ -162,8 +162,8 @@ class _FileReader(SourceReader):
     def robot(self, root) -> RobotFile | None:
         """Read everything; None if a mistake leaves no robot."""
         top = self.mapping(root, 'the file', _KEYS)
-        target = self.choice(top.get('target'), 'target', targets.TARGETS)
-        source = self.choice(top.get('source'), 'source', SOURCES)
+        source = self.choice(top['source'], 'source', SOURCES) if 'source' in top else SOURCES[0]
+        target = self.choice(top['target'], 'target', targets.TARGETS) if 'target' in top else None
         for key, example in _needed_for(target).items():
             if key not in top and root is not None:
                 line = max(root.end_mark.line, 1)
@@ -203,7 +203,7 @@ class _FileReader(SourceReader):
         )  # fmt: skip
 
 
-def _needed_for(target: str) -> dict[str, str]:
+def _needed_for(target: str | None) -> dict[str, str]:
     """Return what a file must have, with examples: for the action as target no reward."""
     if target != targets.ACTION:
         return _NEEDED

@@ -57,9 +57,7 @@ class Nodes:
         return value
 
     def choice(self, node, what: str, choices: Sequence[str]) -> str:
-        """Return one of some words, of which the first is the default."""
-        if node is None:
-            return choices[0]
+        """Return one of some words, or the first if it is none of them."""
         if not isinstance(node, yaml.ScalarNode) or node.value not in choices:
             self.note(node, f'{what} is {shown(node)}; expected {", ".join(choices)}')
             return choices[0]
