@@ -44,6 +44,7 @@ class SelectorStorage:
         try:
             saved = episode_file.read(path, max_episodes, max_bytes)
         except FileNotFoundError:
+            self.save(Saved(None, ()))  # A disk that lets nothing be saved is told of now.
             return None
         except (OSError, episode_file.RefusedFileError) as error:
             reason = error.strerror if isinstance(error, OSError) else error
@@ -101,4 +102,6 @@ class SelectorStorage:
     def _log_error(self) -> None:
         if self._error not in ('', self._logged_error):
             self._node.get_logger().error(self._error)
+        elif self._logged_error and not self._error:
+            self._node.get_logger().info(f'{self._path} is saved again')
         self._logged_error = self._error
