@@ -73,7 +73,7 @@ def selection(
                 for sensor, value in zip(found.ranking, getattr(found, field), strict=False)
             ]
             values |= {field: ', '.join(shown[:MAX_SENSORS])} if shown else {}
-    if sampler := relay.needless():
+    if sampler := relay.other_publisher():
         values['selected_state comes from'] = sampler
     level, message = attempt
     if level != diagnostics.ERROR and in_use is not None:

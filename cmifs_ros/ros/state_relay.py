@@ -50,7 +50,7 @@ class StateRelay:
         """Whether the newest state lacks a selected channel."""
         return self._filter is not None and self._filter.is_lacking
 
-    def needless(self) -> str:
+    def other_publisher(self) -> str:
         """Return the node that publishes `selected_state` itself, or nothing."""
         self._look()
         return min(self._others, default='')
