@@ -113,6 +113,7 @@ loop: build
 
 lint: $(VENV)/ready
 	$(VENV)/bin/ruff check . && $(VENV)/bin/ruff format --check .
+	$(VENV)/bin/mypy
 
 build: $(VENV)/ready
 	@$(ENTER) && $(COLCON) build --event-handlers console_cohesion+ > build.log 2>&1 \

@@ -1,18 +1,50 @@
-"""A selection from what a file or a reply says of it, which may be anything."""
+"""A selection as JSON: on its topic, in the service's reply, in files.
+
+What a file or a message says may be anything, so nothing of it is believed.
+"""
 
 from __future__ import annotations
 
+import dataclasses
+from typing import Any
+
 from cmifs_ros.core.channel_names import MAX_CHANNELS, MAX_NAME_LENGTH
-from cmifs_ros.core.selection import Selection
+from cmifs_ros.core.selection import Effect, Selection, SensorResult
+from cmifs_ros.core.statuses import STATUSES
 
-#: What a selection may say of each sensor beside its score, or leave out.
-EVIDENCE = ('statuses', 'pvalues', 'null_scores', 'spoke_by', 'stands_in_for', 'stability')
-#: What a selection may say of a sensor.
-STATUSES = ('confirmed', 'tentative', 'rejected')
+#: Of the fields; it changes where an old reader would misread them.
+VERSION = 1
 
 
-def selection_of(fields: dict | None) -> Selection | None:
-    """Return a selection from its fields, or None from None.
+def fields_of(selection: Selection) -> dict[str, Any]:
+    """Return what JSON says of a selection; docs/interface.md lists it.
+
+    The means and spreads of the data are not in it.
+    """
+    return {
+        'version': VERSION,
+        'number': selection.number,
+        'indices': selection.indices,
+        'names': selection.names,
+        'ranking': selection.ranking,
+        'scores': selection.scores,
+        'sensors': [_sensor_fields(sensor) for sensor in selection.sensors],
+        'episodes': selection.episodes,
+        'steps': selection.steps,
+        'seconds': selection.seconds,
+        'outdated': selection.outdated,
+    }
+
+
+def _sensor_fields(sensor: SensorResult) -> dict[str, Any]:
+    effect = sensor.effect and sensor.effect._asdict()
+    return {field.name: getattr(sensor, field.name) for field in dataclasses.fields(sensor)} | {
+        'effect': effect
+    }
+
+
+def selection_of(fields: dict[str, Any]) -> Selection:
+    """Return the selection that JSON says; its `means` and `spreads` may be missing.
 
     Raises
     ------
@@ -20,50 +52,76 @@ def selection_of(fields: dict | None) -> Selection | None:
         If a field is missing or cannot be one.
 
     """
-    if fields is None:
-        return None
+    if fields['version'] != VERSION:
+        raise ValueError(f'a selection of version {fields["version"]!r}; expected {VERSION}')
+    sensors = tuple(_sensor_of(sensor) for sensor in list_of(fields['sensors']))
     selection = Selection(
         indices=tuple(count_of(index) for index in list_of(fields['indices'])),
-        names=names_of(fields['names'], MAX_CHANNELS),
-        ranking=names_of(fields['ranking'], MAX_CHANNELS),
-        scores=tuple(float(score) for score in list_of(fields['scores'])),
+        sensors=sensors,
         episodes=count_of(fields['episodes']),
         steps=count_of(fields['steps']),
         seconds=float(fields['seconds']),
-        outdated=count_of(fields.get('outdated', 0)),
-        means=tuple(float(mean) for mean in list_of(fields['means'])),
-        spreads=tuple(float(spread) for spread in list_of(fields['spreads'])),
-        statuses=tuple(_status(status) for status in list_of(fields.get('statuses', []))),
-        pvalues=tuple(float(pvalue) for pvalue in list_of(fields.get('pvalues', []))),
-        null_scores=tuple(_triple(scores) for scores in list_of(fields.get('null_scores', []))),
-        spoke_by=tuple(names_of(n, MAX_CHANNELS) for n in list_of(fields.get('spoke_by', []))),
-        stands_in_for=tuple(
-            names_of(n, MAX_CHANNELS) for n in list_of(fields.get('stands_in_for', []))
-        ),
-        stability=tuple(float(share) for share in list_of(fields.get('stability', []))),
+        means=tuple(float(mean) for mean in list_of(fields.get('means', []))),
+        spreads=tuple(float(spread) for spread in list_of(fields.get('spreads', []))),
+        outdated=count_of(fields['outdated']),
+        number=count_of(fields['number']),
     )
-    for what in EVIDENCE:
-        count = len(getattr(selection, what))
-        if count not in (0, len(selection.ranking)):
-            raise ValueError(f'{count} {what} for {len(selection.ranking)} sensors')
+    names_of(list(selection.ranking), MAX_CHANNELS)
+    names_of([name for sensor in sensors for name in sensor.channels], MAX_CHANNELS)
     if len(selection.means) != len(selection.spreads):
         raise ValueError(f'{len(selection.means)} means for {len(selection.spreads)} spreads')
-    if not len(selection.names) == len(selection.indices) <= MAX_CHANNELS:
-        raise ValueError(f'{len(selection.indices)} indices for {len(selection.names)} names')
-    if len(selection.scores) != len(selection.ranking):
-        raise ValueError(f'{len(selection.scores)} scores for {len(selection.ranking)} sensors')
+    if len(selection.indices) != len(selection.names):
+        raise ValueError(
+            f'{len(selection.indices)} indices for {len(selection.names)} selected channels'
+        )
     if max(selection.indices, default=0) >= MAX_CHANNELS:
         raise ValueError(f'index {max(selection.indices)}; expected less than {MAX_CHANNELS}')
     return selection
 
 
-def _status(value) -> str:
-    if value not in STATUSES:
-        raise ValueError(f'status {value!r}; expected one of {", ".join(STATUSES)}')
+def _sensor_of(fields: dict[str, Any]) -> SensorResult:
+    status, band, effect = fields['status'], fields['null_band'], fields['effect']
+    if status not in (None, *STATUSES):
+        raise ValueError(f'status {status!r}; expected one of {", ".join(STATUSES)}, or null')
+    if (status is None) != (fields['pvalue'] is None):
+        raise ValueError(f'status {status!r} with pvalue {fields["pvalue"]!r}; expected both')
+    (name,) = names_of([fields['name']], 1)
+    return SensorResult(
+        name=name,
+        channels=names_of(fields['channels'], MAX_CHANNELS),
+        is_selected=_flag(fields['is_selected']),
+        score=float(fields['score']),
+        is_constant=_flag(fields['is_constant']),
+        null_band=None if band is None else _three(band),
+        pvalue=_number_or_none(fields['pvalue']),
+        status=status,
+        supporting_channels=names_of(fields['supporting_channels'], MAX_CHANNELS),
+        redundant_with=names_of(fields['redundant_with'], MAX_CHANNELS),
+        stability=_number_or_none(fields['stability']),
+        effect=None if effect is None else Effect(*_three([effect[k] for k in Effect._fields])),
+        why=_text(fields['why']),
+    )
+
+
+def _flag(value) -> bool:
+    if not isinstance(value, bool):
+        raise TypeError(f'{value!r} in place of true or false')
     return value
 
 
-def _triple(value) -> tuple[float, float, float]:
+def _number_or_none(value) -> float | None:
+    return None if value is None else float(value)
+
+
+def _text(value) -> str:
+    if not isinstance(value, str) or len(value) > MAX_NAME_LENGTH:
+        raise ValueError(
+            f'{value!r:.40} in place of a text of at most {MAX_NAME_LENGTH} characters'
+        )
+    return value
+
+
+def _three(value) -> tuple[float, float, float]:
     low, middle, high = map(float, list_of(value))
     return low, middle, high
 
@@ -85,8 +143,8 @@ def count_of(value, least: int = 0) -> int:
 def names_of(value, most: int) -> tuple[str, ...]:
     """Return a value that has to be a list of different names; else raise ValueError."""
     names = tuple(list_of(value))
-    if len(names) > most or len(set(names)) < len(names):
-        raise ValueError(f'{len(names)} names; expected at most {most}, all different')
     if not all(isinstance(name, str) and 0 < len(name) <= MAX_NAME_LENGTH for name in names):
         raise ValueError(f'a name that is no text of 1 to {MAX_NAME_LENGTH} characters')
+    if len(names) > most or len(set(names)) < len(names):
+        raise ValueError(f'{len(names)} names; expected at most {most}, all different')
     return names

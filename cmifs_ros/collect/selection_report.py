@@ -1,43 +1,33 @@
-"""A selection in words, and as the reply of the service: from plain values alone."""
+"""A selection in words."""
 
 from __future__ import annotations
 
-import dataclasses
-
 from cmifs_ros.core.selection import Selection
+from cmifs_ros.core.statuses import REJECTED, TENTATIVE
 from cmifs_ros.core.words import counted, first, listed, short
 
-from .selection_fields import EVIDENCE
-
-NOTHING_SELECTED = 'no evidence that any sensor tells about the return'
-
-
-def reply_of(selection: Selection) -> dict:
-    """Return the fields of a selection that its reader wants, without empty evidence."""
-    reply = dataclasses.asdict(selection)
-    del reply['means'], reply['spreads']
-    return {key: value for key, value in reply.items() if value or key not in EVIDENCE}
+NOTHING_SELECTED = 'no evidence that any sensor is informative about the return'
 
 
 def is_tentative(selection: Selection) -> bool:
     """Tell whether nothing is confirmed so far, though something may be yet."""
-    return not selection.indices and 'tentative' in selection.statuses
+    return not selection.indices and any(s.status == TENTATIVE for s in selection.sensors)
 
 
 def headline(selection: Selection) -> str:
     """Return the result in a few words."""
-    if is_tentative(selection):
-        pvalue, best = min(zip(selection.pvalues, selection.ranking, strict=True))
-        return (
-            f'nothing confirmed yet; {counted(selection.episodes, "episode")}, '
-            f'best so far {listed([best])}, p = {pvalue:.2g}'
-        )
     sizes = counted(selection.episodes, 'episode')
-    if not selection.num_live:
+    if is_tentative(selection):
+        tested = [sensor for sensor in selection.sensors if sensor.status == TENTATIVE]
+        best = min(tested, key=lambda sensor: sensor.pvalue)
+        return (
+            f'nothing confirmed yet; {sizes}, best so far {short(best.name)}, p = {best.pvalue:.2g}'
+        )
+    if not selection.changing:
         return f'no sensor changed in {sizes}: nothing can be selected'
     if not selection.indices:
         return (
-            f'{NOTHING_SELECTED}; {sizes}, and more may show it if the reward is what the task pays'
+            f'{NOTHING_SELECTED}; {sizes}, and more may show it if the reward is that of the task'
         )
     return f'selected {listed(selection.names)}'
 
@@ -52,19 +42,18 @@ def change(selection: Selection) -> str:
 
 def evidence(selection: Selection) -> str:
     """Return what the result rests on: sizes, scores or p-values, and what was rejected."""
-    numbers = selection.pvalues or selection.scores
-    what, form = ('p ', '.2g') if selection.pvalues else ('', '.3f')
-    statuses = selection.statuses or ('',) * len(selection.ranking)
     shown, rejected = [], []
-    for name, number, status in zip(selection.ranking, numbers, statuses, strict=True):
-        if status == 'rejected':
-            rejected.append(name)
+    for sensor in selection.sensors:
+        if sensor.status == REJECTED:
+            rejected.append(sensor.name)
+        elif sensor.pvalue is not None:
+            shown.append(f'{short(sensor.name)} (p {sensor.pvalue:.2g})')
         else:
-            shown.append(f'{short(name)} ({what}{number:{form}})')
+            shown.append(f'{short(sensor.name)} ({sensor.score:.3f})')
     parts = [first(shown)] if shown else []
     parts += [f'rejected {listed(rejected)}'] if rejected else []
-    replacing = stand_ins(selection)
-    parts += [f'stand-ins: {replacing}'] if replacing else []
+    redundant = redundancies(selection)
+    parts += [f'redundant: {redundant}'] if redundant else []
     parts.append(
         f'{counted(selection.episodes, "episode")}, {counted(selection.steps, "step")}, '
         f'{selection.seconds:.1f} s'
@@ -72,10 +61,12 @@ def evidence(selection: Selection) -> str:
     return '; '.join(parts)
 
 
-def stand_ins(selection: Selection) -> str:
-    """Return which sensors stand in for which confirmed ones, as 'copy for x'; empty if none."""
-    pairs = zip(selection.ranking, selection.stands_in_for, strict=False)
-    return first([f'{short(s)} for {" and ".join(map(short, of))}' for s, of in pairs if of])
+def redundancies(selection: Selection) -> str:
+    """Return which sensors are redundant, as 'copy with x'; empty if none."""
+    redundant = [sensor for sensor in selection.sensors if sensor.redundant_with]
+    return first(
+        [f'{short(s.name)} with {" and ".join(map(short, s.redundant_with))}' for s in redundant]
+    )
 
 
 def is_news(selection: Selection, previous: Selection | None) -> bool:

@@ -6,7 +6,7 @@ from .episode import Episode
 from .kdr import KDR
 from .kdr_selector import KDRSelector
 from .lsmi import CRITERIA, Lsmi
-from .permutation import PermutationTest
+from .permutation import PermutationTest, permutation_test
 from .returns import discounted_returns
 from .search import DIRECTIONS
 
@@ -21,4 +21,5 @@ __all__ = [
     'Lsmi',
     'PermutationTest',
     'discounted_returns',
+    'permutation_test',
 ]

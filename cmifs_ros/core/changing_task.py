@@ -58,7 +58,7 @@ def num_outdated(
         c for c in channels if abs(samples.states[:, c] @ age) <= _MOST_CORRELATED * len(age)
     ]
     samples = samples.with_channels(is_after)
-    test = ConditionalTest(samples, gamma, random_state, level=_LEVEL, may_drift=False)
+    test = ConditionalTest(samples, gamma, random_state, level=_LEVEL, ordered=False)
     pvalues = test([(num_channels + i,) for i in range(len(moments))], timeless)
     clearest = int(np.argmin(pvalues))
     is_change = pvalues[clearest] * len(moments) <= _LEVEL

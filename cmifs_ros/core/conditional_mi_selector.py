@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from numbers import Real
+from typing import Any
 
 import numpy as np
 
@@ -12,23 +13,20 @@ from .conditional_mi import ConditionalMI
 from .episode import unique_episodes
 from .evidence import ConditionalTest
 from .lsmi import Lsmi
-from .permutation import PermutationTest, permutation_test
 from .samples import Samples, collect_samples, split_by_step
-from .search import Sensor, backward_elimination, forward_selection
+from .search import Sensor, backward_elimination
 from .sensor_selector import Ranking, SensorSelector
 from .shadows import null_scores
+from .statuses import CONFIRMED, REJECTED, TENTATIVE
 from .stepwise import Finding, StepwiseSelection
+from .time_bins import MOST_BINS, choose_time_bins
 
-#: Statuses of a sensor.
-CONFIRMED, TENTATIVE, REJECTED = 'confirmed', 'tentative', 'rejected'
 #: Kernel widths of the default; the paper's grid is wider and finer, with the same results.
 WIDTHS = tuple(np.logspace(-1, 1.5, 6))
 #: A bin holds no more samples: neighbouring steps of an episode tell nearly the same.
 _MAX_SAMPLES = 1000
-#: How much greater the score must be for steps to be pooled that could be told apart.
-_POOLING_FACTOR, _POOLING_MARGIN = 1.5, 0.1
-#: Time bins are compared by the scores of so many sensors, of the channels likeliest to tell.
-_NUM_TRIED, _MAX_COMPARED = 2, 10
+#: Time bins are compared by so many channels, the likeliest to be informative.
+_MAX_COMPARED = 10
 
 
 class ConditionalMISelector(SensorSelector):
@@ -78,12 +76,12 @@ class ConditionalMISelector(SensorSelector):
         'confirmed', 'tentative' or 'rejected', for each sensor of the ranking.
     null_scores_ : numpy.ndarray, shape (len(ranking_), 3)
         5 %, median and 95 % of the scores that sensors which tell nothing have at the same place:
-        a normal law fitted to six, each with its trajectories exchanged between the episodes.
-    spoke_by_ : list of tuple of int
-        The channels that spoke for each sensor: all of it, or those of many that tell something,
+        a prediction from six, each with its trajectories exchanged between the episodes.
+    supporting_channels_ : list of tuple of int
+        The channels that support each sensor: all of it, or those of many that tell something,
         the best first; of one that never changed, none.
-    stands_in_for_ : list of tuple of int
-        For each sensor of the ranking, the confirmed ones for which it stands in: without one of
+    redundant_with_ : list of tuple of int
+        For each sensor of the ranking, the confirmed ones it is redundant with: without one of
         these there would be strong evidence for it, beside all of them it is not confirmed.
     num_duplicates_ : int
         Episodes that were there twice, states and rewards alike, and left out.
@@ -129,7 +127,7 @@ class ConditionalMISelector(SensorSelector):
     @classmethod
     def paper(cls, num_features: int | None = None, **options) -> ConditionalMISelector:
         """Return a selector set as in the paper: raw features, Equation (10), B = M, all steps."""
-        paper = {
+        paper: dict[str, Any] = {
             'criterion': 'plug_in',
             'standardize': False,
             'max_time_bins': None,
@@ -138,29 +136,13 @@ class ConditionalMISelector(SensorSelector):
         }
         return cls(num_features, **(paper | options))
 
-    def permutation_test(
-        self, episodes, names: Sequence[str] | None = None, *, n_permutations: int = 99
-    ) -> PermutationTest:
-        """Test whether the return depends on any single sensor.
-
-        The statistic is the score of the best sensor, the first of a forward selection. All
-        trajectories of states change places between the episodes, as wholes and all channels
-        together; the rewards stay. If the return is independent of the states, all of that is
-        equally likely, and the p-value is uniform on 1/(n + 1), 2/(n + 1), ..., 1. With
-        unequal lengths, which `permutation.exchange` copes with, that holds if the length is
-        independent of the states too. The selector need not be fitted, and stays as it is.
+    def single_scores(self, episodes, names: Sequence[str] | None = None) -> np.ndarray:
+        """Return the criterion of each sensor by itself: shape (S,). Nothing is fitted.
 
         Parameters
         ----------
         episodes, names
             As of `fit`.
-        n_permutations : int
-            Each costs one round of the search; the p-value is at least 1 / (n_permutations + 1).
-
-        Returns
-        -------
-        PermutationTest
-            `statistic`, `pvalue`, `null_distribution`.
 
         Raises
         ------
@@ -169,18 +151,14 @@ class ConditionalMISelector(SensorSelector):
 
         """
         episodes, names, _, sensors = self._checked(episodes, names)
-        if n_permutations < 1:
-            raise ValueError(f'n_permutations is {n_permutations}; expected at least 1')
         self._check_parameters()
-        bins = 32 if self.max_time_bins == 'auto' else self.max_time_bins
         with one_blas_thread():
-            return permutation_test(
-                lambda data: self._criterion(self._samples(data), bins),
-                episodes,
-                sensors,
-                n_permutations,
-                self.random_state,
-            )
+            return self._criterion(self._samples(episodes), self._bins)(sensors)
+
+    @property
+    def _bins(self) -> int | None:
+        """The number of time bins where the data do not choose it."""
+        return MOST_BINS if isinstance(self.max_time_bins, str) else self.max_time_bins
 
     def _rank(self, episodes, names, sensors):
         self._check_parameters()
@@ -197,9 +175,8 @@ class ConditionalMISelector(SensorSelector):
             )
         samples = self._samples(episodes)
         if self.criterion == 'plug_in':
-            bins = 32 if self.max_time_bins == 'auto' else self.max_time_bins
             self._keep_evidence([], np.empty((0, 3)))
-            return self._rank_by_score(self._criterion(samples, bins), sensors)
+            return self._rank_by_score(self._criterion(samples, self._bins), sensors)
         varying = np.ptp(samples.states, axis=0) > 0
         live = [i for i, sensor in enumerate(sensors) if varying[list(sensor)].any()]
         dead = [i for i in range(len(sensors)) if i not in live]
@@ -214,7 +191,9 @@ class ConditionalMISelector(SensorSelector):
         if living:
             findings, null, num_selected = self._search(samples, living, start)
         findings = [
-            f._replace(sensor=live[f.sensor], stands_in_for=tuple(live[i] for i in f.stands_in_for))
+            f._replace(
+                sensor=live[f.sensor], redundant_with=tuple(live[i] for i in f.redundant_with)
+            )
             for f in findings
         ]
         if self.num_features is None and dead:
@@ -257,7 +236,7 @@ class ConditionalMISelector(SensorSelector):
             [[c for f in rest for c in f.channels] for rest in before],
             np.random.default_rng([self.random_state, 3]),
         )
-        return [*found, *search.with_stand_ins(confirmed, others)], null, num_selected
+        return [*found, *search.with_redundant(confirmed, others)], null, num_selected
 
     def _keep_evidence(self, findings: list[Finding], null: np.ndarray) -> None:
         self.pvalues_ = np.array([finding.pvalue for finding in findings])
@@ -266,8 +245,8 @@ class ConditionalMISelector(SensorSelector):
             for p in self.pvalues_
         ]
         self.null_scores_ = null
-        self.spoke_by_ = [finding.channels for finding in findings]
-        self.stands_in_for_ = [finding.stands_in_for for finding in findings]
+        self.supporting_channels_ = [finding.channels for finding in findings]
+        self.redundant_with_ = [finding.redundant_with for finding in findings]
 
     def _backward(self, criterion, sensors):
         """Return what backward elimination leaves where the score is greatest."""
@@ -275,18 +254,10 @@ class ConditionalMISelector(SensorSelector):
         return ranking[: int(np.argmax(scores)) + 1]
 
     def _choose_bins(self, samples, units):
-        """Return the number of time bins by which the score is greater, and the criterion."""
-        if self.max_time_bins != 'auto':
-            return self.max_time_bins, self._criterion(samples, self.max_time_bins)
-        tried = min(_NUM_TRIED, len(units))
-        criteria = {bins: self._criterion(samples, bins) for bins in (1, 32)}
-        best = {
-            bins: max(forward_selection(criterion, units, tried)[1], default=0)
-            for bins, criterion in criteria.items()
-        }
-        pools = best[1] > _POOLING_FACTOR * max(best[32], 0.0) + _POOLING_MARGIN
-        bins = 1 if pools else 32
-        return bins, criteria[bins]
+        """Return the number of time bins, and the criterion."""
+        if self.max_time_bins == 'auto':
+            return choose_time_bins(lambda bins: self._criterion(samples, bins), units)
+        return self.max_time_bins, self._criterion(samples, self.max_time_bins)
 
     def _check_parameters(self):
         for name in ('gamma', 'tuning_window', 'num_centers', 'significance', 'n_jobs'):
@@ -310,11 +281,8 @@ class ConditionalMISelector(SensorSelector):
 
     def _criterion(self, samples: Samples, bins: int | None) -> ConditionalMI:
         is_default = self.criterion == 'held_out'
-        estimator = Lsmi(
-            criterion=self.criterion,
-            num_centers=self.num_centers,
-            **({'widths': WIDTHS} if is_default else {}),
-        )
+        widths: dict[str, Any] = {'widths': WIDTHS} if is_default else {}
+        estimator = Lsmi(criterion=self.criterion, num_centers=self.num_centers, **widths)
         steps = split_by_step(
             samples,
             max_time_bins=bins,

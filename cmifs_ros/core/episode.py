@@ -18,6 +18,10 @@ class Episode:
         The v channel values before each of the T steps.
     rewards : array_like, shape (T,)
         ``rewards[t]`` is the reward of the step taken from ``states[t]``.
+    actions : array_like, shape (T, a), optional
+        ``actions[t]`` is the action taken at ``states[t]``; one column where the shape is (T,).
+    source : str
+        The robot or the recording it is from, where there are several: each may have its own mean.
 
     Raises
     ------
@@ -28,10 +32,16 @@ class Episode:
 
     states: np.ndarray
     rewards: np.ndarray
+    actions: np.ndarray | None = None
+    source: str = ''
 
     def __post_init__(self):
         states = np.array(self.states, dtype=np.float64)
         rewards = np.array(self.rewards, dtype=np.float64)
+        actions = np.array(np.empty((len(rewards), 0)) if self.actions is None else self.actions)
+        actions = actions.astype(np.float64)
+        if actions.ndim == 1:
+            actions = actions[:, None]
         if states.ndim != 2 or 0 in states.shape:
             raise ValueError(
                 f'states has shape {states.shape}; expected (steps, channels), neither of them 0'
@@ -41,7 +51,13 @@ class Episode:
                 f'rewards has shape {rewards.shape}; expected {states.shape[:1]}, '
                 'one reward for each state'
             )
-        for what, values in (('states', states), ('rewards', rewards)):
+        if actions.ndim != 2 or len(actions) != len(states):
+            raise ValueError(
+                f'actions has shape {actions.shape}; expected ({len(states)}, values), '
+                'one action for each state'
+            )
+        arrays = {'states': states, 'rewards': rewards, 'actions': actions}
+        for what, values in arrays.items():
             bad = np.argwhere(~np.isfinite(values))
             if len(bad):
                 where = tuple(int(i) for i in bad[0])
@@ -49,7 +65,7 @@ class Episode:
                     f'{what}[{", ".join(map(str, where))}] is {values[where]}; '
                     'expected finite numbers'
                 )
-        for name, values in (('states', states), ('rewards', rewards)):
+        for name, values in arrays.items():
             values.setflags(write=False)
             object.__setattr__(self, name, values)
 
@@ -65,7 +81,7 @@ class Episode:
     @property
     def nbytes(self) -> int:
         """Memory held by the arrays, in bytes."""
-        return self.states.nbytes + self.rewards.nbytes
+        return self.states.nbytes + self.rewards.nbytes + self.actions.nbytes
 
 
 def as_episodes(data: Iterable[Episode] | tuple[np.ndarray, np.ndarray]) -> list[Episode]:
@@ -114,7 +130,7 @@ def unique_episodes(episodes: Iterable[Episode]) -> list[Episode]:
     """Return the episodes without those that repeat an earlier one, states and rewards alike."""
     seen, unique = set(), []
     for episode in episodes:
-        content = (episode.states.tobytes(), episode.rewards.tobytes())
+        content = tuple(a.tobytes() for a in (episode.states, episode.rewards, episode.actions))
         if content not in seen:
             seen.add(content)
             unique.append(episode)

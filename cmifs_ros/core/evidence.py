@@ -1,48 +1,54 @@
-"""Tests whether a sensor tells something about the return that the others selected do not.
+r"""Tests whether the target depends on a sensor given the sensors selected.
 
 A kernel test of conditional independence (Zhang, Peters, Janzing & Schoelkopf, Kernel-based
-conditional independence test and application in causal discovery, 2011), made for episodes: what
-the given channels and the time step explain is taken from the return and from functions of the
-sensor, and the two remainders are multiplied. If the sensor tells nothing more, the products of an
-episode sum up to either sign with equal chance, whatever the steps of it have to do with each
-other (the wild cluster bootstrap: Cameron, Gelbach & Miller, Bootstrap-based improvements for
-inference with clustered errors, 2008). What so seems to tell something has to do so once more,
-where what is left of the return has changed places between the episodes. Neither is right by
-itself: the signs of a few episodes that hold most of what is to be explained say too little of
-chance, and places are not alike where the noise depends on what is given.
+conditional independence test and application in causal discovery, 2011), made for episodes. With y
+the return, z what is given (the sensors selected, the action and the step) and x the sensor:
 
-What is left of the return is looked at less all, and less a part, of what is left at the next step
-(Sutton, Learning to predict by the methods of temporal differences, 1988): what the next steps add
-has less noise than all that comes after. The functions are Gaussians, which see every shape, and
-products with the given channels, which see few shapes but these from few episodes. Their p-values
-are combined by their mean in the scale of a Cauchy variable, whatever they have to do with each
-other (Liu & Xie, Cauchy combination test, 2020).
+1. :math:`\varepsilon_t = y_t - \hat E[y_t | z_t]`, by kernel regression.
+2. :math:`\delta_t = \varepsilon_t - \lambda \gamma \varepsilon_{t+1}`, the TD residual of Sutton
+   (Learning to predict by the methods of temporal differences, 1988), for two :math:`\lambda`. It
+   has less noise than the return, but its mean given z need not be 0: it is regressed on z again.
+3. Functions f of x and z, Gaussians and products, lose their projection on the same space as
+   :math:`\delta`: what is left of the two is orthogonal to all that z explains of either
+   (Frisch-Waugh-Lovell).
+4. The products :math:`s_i = \sum_t f_{it} \delta_{it} / \sqrt{T_i}` of each episode i are added up.
+   If y does not depend on x given z, each :math:`s_i` may as well have the opposite sign, whatever
+   the steps of an episode have to do with each other (the wild cluster bootstrap). This counts on
+   independent episodes.
+5. What seems dependent is tested once more, with the residuals of other episodes: cyclic shifts of
+   the episodes in their order, which keep the memory of both sides. This counts on episodes alike.
+
+The greater p-value of 4 and 5 counts. Returns enter as they are and as normal scores, and functions
+whitened in two degrees; the p-values of all these are combined by a Cauchy combination.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
-from scipy import linalg, special
+from numba import njit
 
-from .kernel_ridge import KernelRidge, squared_distances
-from .samples import Samples, standardized
-from .serial_dependence import Episodes, Memory, innovations, memory_of
+from .chance import combined_pvalue, resampled_pvalues, sign_flip_pvalue
+from .drift import cosines, num_cosines
+from .kernel_regression import (
+    KernelRegression,
+    corrected_residual,
+    residual,
+    squared_distances,
+)
+from .samples import Samples, normal_scores, standardized
 
-#: More rows are thinned evenly: neighbouring steps of an episode tell nearly the same.
-_MAX_ROWS = 2000
+#: More rows are thinned evenly: neighbouring steps of an episode are nearly the same.
+_MAX_ROWS = 32_000
 _NUM_FOLDS = 5
-#: Gaussians that explain the return by what is given, and those that are functions of the sensor.
+#: Gaussians that explain the target by what is given, and those that are functions of the sensor.
 _NUM_CENTERS, _NUM_FUNCTIONS = 50, 60
-#: How far these functions are whitened: only the strongest, and all but the weakest, which few
-#: episodes have to do with.
+#: How far the functions are whitened: the strongest alone, and all but the weakest.
 _WHITENINGS = np.array([1e-1, 1e-2])
-#: Shares that are taken off what is left at a step of what is left at the next.
-_SHARES_OF_NEXT = (0.6, 1.0)
-_NUM_SIGNS, _NUM_EXCHANGES = 2000, 300
-#: A p-value counts as no more beside others: one that is all but 1 would outweigh all of them.
-_GREATEST = 0.95
+#: lambda of the TD residual.
+_LAMBDAS = (0.6, 1.0)
+_MAX_SHIFTS = 300
 #: Share of its variance that a channel must have for itself.
 _LEAST_OWN_SHARE = 1e-3
 
@@ -56,11 +62,12 @@ class ConditionalTest:
     gamma : float
         Discount factor of the returns.
     random_state : int
-        Seed of folds, centres, signs and exchanges.
+        Seed of folds and centres.
     level : float
-        p-value by signs up to which places are exchanged as well.
-    may_drift : bool
-        Free episodes of what they have of those before. Not where what is tested is their order.
+        p-value by signs up to which episodes are shifted as well.
+    ordered : bool
+        Whether the order of the episodes is that of time: then slow drift is taken out, and
+        episodes are shifted in their order; else in a random one.
 
     """
 
@@ -71,28 +78,31 @@ class ConditionalTest:
         random_state: int,
         *,
         level: float = 0.05,
-        may_drift: bool = True,
+        ordered: bool = True,
     ):
         self._level = level
         rng = np.random.default_rng([random_state, 1])
         stride = -(-len(samples.step) // _MAX_ROWS)
         rows = np.flatnonzero((samples.step + samples.owner) % stride == 0)
-        self._returns = standardized(samples.returns[rows])
+        returns = samples.returns[rows]
+        self._returns = standardized(np.column_stack([returns, normal_scores(returns)]))
         self._states = standardized(samples.states[rows])
-        owner = samples.owner[rows]
-        self._starts = np.flatnonzero(np.diff(owner, prepend=-1))
-        self._episodes = np.split(np.arange(len(rows)), self._starts[1:])
         self._discount = gamma**stride
         self._step = standardized(samples.step[rows].astype(float))
-        self._may_drift = may_drift
-        self._in_order = Episodes(self._step, self._starts)
-        num_episodes = samples.owner[-1] + 1
+        kept, self._owner = np.unique(samples.owner[rows], return_inverse=True)
+        self._actions = standardized(samples.actions[rows])
+        self._sources = _pooled(samples.sources[kept])
+        self._starts = np.flatnonzero(np.diff(self._owner, prepend=-1))
+        self._lengths = np.diff(self._starts, append=len(rows))
+        num_episodes = len(kept)
         num_folds = min(_NUM_FOLDS, num_episodes)
-        self._folds = (rng.permutation(num_episodes) * num_folds // num_episodes)[owner]
+        self._folds = (rng.permutation(num_episodes) * num_folds // num_episodes)[self._owner]
         centers = rng.permutation(len(rows))
         self._centers, self._functions = centers[:_NUM_CENTERS], centers[:_NUM_FUNCTIONS]
-        self._signs = rng.choice([-1.0, 1.0], size=(_NUM_SIGNS, len(self._episodes)))
-        self._exchanges = self._exchanged(rng)
+        self._fixed = self._source_means()
+        self._ordered = ordered
+        self._order = np.arange(num_episodes) if ordered else rng.permutation(num_episodes)
+        self._shifts = self._cyclic_shifts()
         self._known: dict[tuple, float] = {}
 
     def __call__(self, candidates: Sequence[Sequence[int]], given: Sequence[int]) -> np.ndarray:
@@ -107,48 +117,58 @@ class ConditionalTest:
             self._known.update(zip(new, pvalues, strict=True))
         return np.array([self._known[key] for key in keys])
 
-    def _test(self, candidates, given):
-        points = np.column_stack([self._states[:, given], self._step])
-        regression = KernelRidge(points, self._centers, self._folds)
-        choice = regression.tuned(self._returns[:, None])[0]
-        left = regression.residual(self._returns[:, None], choice)[:, 0]
-        errors = regression.left_out(left, choice, self._episodes)
-        # Each after a fit to all episodes, and after a fit to the others, which shows all errors.
-        remainders = [
-            (self._differences(left, share), self._differences(errors, share))
-            for share in _SHARES_OF_NEXT
-        ]
-        memories = self._in_order.memories(np.column_stack([e for _, e in remainders]))
-        drifts = self._may_drift and any(map(any, memories))
-        if drifts:
-            both = np.column_stack([values for pair in remainders for values in pair])
-            free = self._in_order.freed(both, memories).T
-            remainders = list(zip(free[::2], free[1::2], strict=True))
-        of_given = self._gaussians(points)
+    def _test(self, candidates, given) -> Iterator[float]:
+        points = np.column_stack([self._states[:, given], self._actions, self._step])
+        regression = KernelRegression(
+            points, self._centers, self._folds, self._fixed, max_rank=len(self._lengths) // 2
+        )
+        left = self._td_residuals(regression)
+        basis = self._with_drift(regression.basis(regression.jointly_tuned(left)), left)
+        left = residual(left, basis)
+        products = _Products(left, basis, self._starts, self._shifts, self._level)
         channels = list(dict.fromkeys(c for candidate in candidates for c in candidate))
-        fits = dict(zip(channels, regression.tuned(self._states[:, channels]), strict=True))
-        pvalues = []
+        spaces = dict(zip(channels, regression.tuned(self._states[:, channels]), strict=True))
+        of_given = self._gaussians(points)
+        bases = {space: regression.basis(space) for space in set(spaces.values())}
         for candidate in candidates:
-            own = np.hstack([regression.residual(self._states[:, [c]], fits[c]) for c in candidate])
-            own = self._in_order.without_slowest(own) if drifts else own
+            own = np.hstack([residual(self._states[:, [c]], bases[spaces[c]]) for c in candidate])
             own = own[:, own.var(axis=0) > _LEAST_OWN_SHARE]
             if own.size:
                 own = own / own.std(axis=0)
-                families = [_products(own, points), self._bumps(own, of_given)]
-                whitened = [_whitened(regression.residual(f, choice)) for f in families]
-                functions = np.hstack([functions for functions, _ in whitened])
-                weights = linalg.block_diag(*[weights for _, weights in whitened])
-                pvalues.append(self._pvalue(functions, weights, remainders))
+                yield products.pvalue([_polynomials(own, points), self._bumps(own, of_given)])
             else:
-                pvalues.append(1.0)
-        return pvalues
+                yield 1.0
 
-    def _differences(self, residual, share):
-        """Return residuals less a share of the discounted ones of the next row."""
-        differences = residual.copy()
-        for rows in self._episodes:
-            differences[rows[:-1]] -= share * self._discount * residual[rows[1:]]
-        return differences
+    def _td_residuals(self, regression: KernelRegression) -> np.ndarray:
+        """Return what is left of the returns less a part of what is left at the next row."""
+        left = np.column_stack(
+            [
+                residual(self._returns[:, [k]], regression.basis(space))
+                for k, space in enumerate(regression.tuned(self._returns))
+            ]
+        )
+        following = np.append(left[1:], np.zeros_like(left[:1]), axis=0)
+        following[self._starts[1:] - 1] = 0.0
+        return np.hstack([left - share * self._discount * following for share in _LAMBDAS])
+
+    def _source_means(self) -> np.ndarray:
+        """Return orthonormal columns (N, sources): each source has its own mean (fixed effects)."""
+        sources, of_episode = np.unique(self._sources, return_inverse=True)
+        columns = (of_episode[self._owner][:, None] == np.arange(len(sources))).astype(float)
+        return columns / np.sqrt(columns.sum(axis=0))
+
+    def _with_drift(self, basis: np.ndarray, left: np.ndarray) -> np.ndarray:
+        """Return the basis with slow cosines of level and slope, where the residuals drift."""
+        if not self._ordered:
+            return basis
+        means = np.add.reduceat(residual(left, basis), self._starts) / self._lengths[:, None]
+        count = num_cosines(means, self._lengths / self._lengths.mean())
+        if not count:
+            return basis
+        slow = cosines(len(means), count)[self._owner]
+        drift = residual(np.hstack([slow, slow * self._step[:, None]]), basis)
+        columns, sizes, _ = np.linalg.svd(drift, full_matrices=False)
+        return np.hstack([basis, columns[:, sizes > 1e-6 * sizes[0]]])
 
     def _gaussians(self, points):
         distances = squared_distances(points, points[self._functions])
@@ -160,94 +180,101 @@ class ConditionalTest:
         of_sensor -= of_sensor.mean(axis=0)  # no function of the given channels alone
         return np.hstack([of_sensor * of_given, own])
 
-    def _exchanged(self, rng):
-        """Return the rows of which each row has the remainder in each exchange: (exchanges, N).
+    def _cyclic_shifts(self) -> np.ndarray:
+        """Return the row whose residual each row has in each shift, shape (shifts, N).
 
-        The episodes stand in a random circle, and each takes what is left at its steps, or at those
-        nearest where rows were thinned, from the next one that is as long.
+        An episode takes the residuals, step by step, from those so many episodes later that are as
+        long; where a source has its own mean, of the same source.
         """
-        lengths = [len(rows) for rows in self._episodes]
-        owner = np.repeat(np.arange(len(lengths)), lengths)
-        place = np.concatenate([np.arange(length) for length in lengths])
-        circles = np.array([rng.permutation(len(lengths)) for _ in range(_NUM_EXCHANGES)])
-        order = np.argsort(place * len(lengths) + circles[:, owner], axis=1)
-        ends = np.cumsum(np.bincount(place))
-        following = np.arange(1, len(place) + 1)
-        following[ends - 1] = np.concatenate([[0], ends[:-1]])
-        exchanged = np.empty_like(order)
-        np.put_along_axis(exchanged, order, order[:, following], axis=1)
-        return exchanged
-
-    def _pvalue(self, functions: np.ndarray, weights: np.ndarray, remainders) -> float:
-        """Return the probability that chance alone brings about products that large."""
-
-        def combined(draw):
-            tails = []
-            for left, errors in remainders:
-                observed, drawn = draw(left, errors)
-                tails += _tails(observed**2 @ weights, drawn**2 @ weights)
-            return combined_pvalue(tails)
-
-        def of_episodes(residual):
-            return np.add.reduceat(functions * residual[:, None], self._starts)
-
-        def by_signs(left, errors):
-            products, alike = of_episodes(errors), np.ones(len(self._starts))
-            memory = memory_of(products, alike) if self._may_drift else Memory()
-            observed = innovations(of_episodes(left), alike, memory).sum(axis=0)
-            return observed, self._signs @ innovations(products, alike, memory)
-
-        def by_places(left, errors):
-            return left @ functions, left[self._exchanges] @ functions
-
-        pvalue = combined(by_signs)
-        return max(pvalue, combined(by_places)) if pvalue <= self._level else pvalue
+        rank_in_order = np.empty_like(self._order)
+        rank_in_order[self._order] = np.arange(len(self._order))
+        sources = np.unique(self._sources, return_inverse=True)[1][self._owner]
+        place = np.arange(len(self._owner)) - self._starts[self._owner]
+        order = np.lexsort((rank_in_order[self._owner], place, sources))
+        cells = np.unique(np.column_stack([sources, place]), axis=0, return_inverse=True)[1]
+        cells = cells.ravel()
+        counts = np.bincount(cells)
+        first = (np.cumsum(counts) - counts)[cells]
+        rank = np.empty(len(order), dtype=int)
+        rank[order] = np.arange(len(order))
+        count, rank = counts[cells], rank - first
+        num_episodes = len(self._order)
+        num_shifts = min(_MAX_SHIFTS, num_episodes - 1)
+        by = np.linspace(1, num_episodes - 1, num_shifts).round() / num_episodes
+        return np.array(
+            [order[first + (rank + np.round(share * count).astype(int)) % count] for share in by]
+        )
 
 
-def _products(own, given):
+class _Products:
+    """Products of residuals (N, q), orthogonal to a basis (N, r), with functions of a sensor."""
+
+    def __init__(self, left, basis, starts, shifts, level):
+        lengths = np.diff(starts, append=len(left))
+        # Between the number of steps and its root grows the deviation of an episode's sum.
+        weights = np.repeat(np.sqrt(lengths.mean() / lengths), lengths)[:, None]
+        self._left = left * weights
+        self._errors = corrected_residual(left, basis, starts) * weights
+        self._basis = basis
+        self._in_basis = basis.T @ self._left
+        self._basis_products = _sums_of_products(basis, self._errors, starts)
+        self._starts, self._shifts, self._level = starts, shifts, level
+
+    def pvalue(self, families: Sequence[np.ndarray]) -> float:
+        """Return the p-value of functions (N, k) in families, each of which is whitened."""
+        signs, prepared = [], []
+        for functions in families:
+            coefficients = self._basis.T @ functions
+            gram = (functions.T @ functions - coefficients.T @ coefficients) / len(functions)
+            variances, axes = np.linalg.eigh(gram)
+            kept = variances > 1e-9 * variances[-1]
+            variances, axes = variances[kept], axes[:, kept]
+            weights = 1 / (variances[:, None] + variances[-1] * _WHITENINGS)
+            total = axes.T @ (functions.T @ self._left - coefficients.T @ self._in_basis)
+            statistics = (total**2).T @ weights
+            products = _sums_of_products(functions, self._errors, self._starts)
+            products = (products - self._basis_products @ coefficients) @ axes
+            signs += [
+                sign_flip_pvalue(statistics[q, w], products[:, q] * np.sqrt(weights[:, w]))
+                for q, w in np.ndindex(statistics.shape)
+            ]
+            prepared.append((functions, coefficients, axes, weights, statistics))
+        pvalue = combined_pvalue(signs)
+        return max(pvalue, self._by_shifts(prepared)) if pvalue <= self._level else pvalue
+
+    def _by_shifts(self, prepared) -> float:
+        pvalues: list[float] = []
+        for functions, coefficients, axes, weights, statistics in prepared:
+            left = functions @ axes - self._basis @ (coefficients @ axes)
+            for errors, observed in zip(self._errors.T, statistics, strict=True):
+                drawn = (errors[self._shifts] @ left) ** 2 @ weights
+                pvalues += resampled_pvalues(observed, drawn)
+        return combined_pvalue(pvalues)
+
+
+@njit(cache=True, nogil=True, fastmath={'contract', 'reassoc', 'nsz', 'arcp'})
+def _sums_of_products(functions, residuals, starts):
+    """Return the sums over each episode of residuals (N, q) times functions (N, k): (M, q, k)."""
+    sums = np.zeros((len(starts), residuals.shape[1], functions.shape[1]))
+    episode = -1
+    for row in range(len(functions)):
+        if episode + 1 < len(starts) and starts[episode + 1] == row:
+            episode += 1
+        for q in range(residuals.shape[1]):
+            value = residuals[row, q]
+            for k in range(functions.shape[1]):
+                sums[episode, q, k] += value * functions[row, k]
+    return sums
+
+
+def _pooled(sources: np.ndarray) -> np.ndarray:
+    """Return the sources; those of a single episode, which has nothing beside it, are one."""
+    names, which, counts = np.unique(sources, return_inverse=True, return_counts=True)
+    return np.where(counts[which] > 1, names[which], '')
+
+
+def _polynomials(own, given):
     """Return products of what the sensor has for itself with itself and the given: (N, k)."""
     squares = [own[:, [i]] * own[:, i:] for i in range(own.shape[1])]
     with_given = [own[:, [i]] * given for i in range(own.shape[1])]
     return np.hstack([own, *with_given, *[square - square.mean(axis=0) for square in squares]])
-
-
-def _whitened(functions):
-    """Return functions (N, k) along their principal axes, and the weights of their squares (k, s).
-
-    Each statistic makes them alike as far as one of `_WHITENINGS` says.
-    """
-    variances, axes = np.linalg.eigh(functions.T @ functions / len(functions))
-    weights = 1 / (np.maximum(variances, 0)[:, None] + variances.max() * _WHITENINGS)
-    return functions @ axes, weights
-
-
-def _tails(observed: np.ndarray, drawn: np.ndarray) -> list[float]:
-    """Return the p-value of each statistic (s,), of which some were drawn by chance (n, s).
-
-    The law has the three moments of those drawn (Winkler et al., Faster permutation inference in
-    brain imaging, 2016). A statistic that chance leaves as it is has none.
-    """
-    means, spreads = drawn.mean(axis=0), drawn.std(axis=0)
-    kept = spreads > 1e-12 * means
-    scaled = (drawn[:, kept] - means[kept]) / spreads[kept]
-    skewness = np.mean(scaled * scaled * scaled, axis=0)
-    values = (observed - means)[kept] / spreads[kept]
-    return [_pearson3_sf(value, skew) for value, skew in zip(values, skewness, strict=True)]
-
-
-def combined_pvalue(pvalues: Sequence[float]) -> float:
-    """Return the p-value of all of them, dependent as they may be; 1 of none."""
-    if min(pvalues, default=1.0) > _GREATEST:
-        return float(min(pvalues, default=1.0))
-    mean = np.mean(1 / np.tan(np.pi * np.clip(pvalues, 1e-300, _GREATEST)))
-    return float(np.arctan2(1, mean) / np.pi)
-
-
-def _pearson3_sf(value: float, skewness: float) -> float:
-    """Return scipy.stats.pearson3.sf(value, skewness); its module takes long to import."""
-    if abs(skewness) < 1e-3:
-        return float(special.ndtr(-value))
-    shape = 4 / skewness**2
-    drawn = max(shape + 2 * value / skewness, 0.0)
-    tail = special.gammaincc if skewness > 0 else special.gammainc
-    return float(tail(shape, drawn))

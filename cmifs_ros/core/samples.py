@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy import special
 
 from .episode import Episode
 from .returns import discounted_returns
@@ -21,6 +22,10 @@ class Samples:
     states : numpy.ndarray, shape (N, v)
     owner, step : numpy.ndarray of int, shape (N,)
         Episode and time step of each row; the rows of an episode follow each other.
+    actions : numpy.ndarray, shape (N, a), optional
+        The actions taken; by default none.
+    sources : numpy.ndarray of str, shape (M,), optional
+        The robot or recording of each episode; by default one for all.
 
     """
 
@@ -28,6 +33,14 @@ class Samples:
     states: np.ndarray
     owner: np.ndarray
     step: np.ndarray
+    actions: np.ndarray = field(default=None)  # type: ignore[assignment]
+    sources: np.ndarray = field(default=None)  # type: ignore[assignment]
+
+    def __post_init__(self):
+        if self.actions is None:
+            object.__setattr__(self, 'actions', np.empty((len(self.returns), 0)))
+        if self.sources is None:
+            object.__setattr__(self, 'sources', np.full(self.owner[-1] + 1, ''))
 
     def with_channels(self, columns: np.ndarray) -> Samples:
         """Return the same samples with further channels (N, k) behind their own."""
@@ -64,8 +77,8 @@ def collect_samples(episodes: Sequence[Episode], *, gamma: float, standardize: b
     gamma : float
         Discount factor of the return.
     standardize : bool
-        Scale each channel and the return to mean 0 and standard deviation 1 over all samples, a
-        constant channel to 0, after their far values are drawn in: see `winsorized`.
+        Scale the return and the normal scores of each channel to mean 0 and standard deviation 1
+        over all samples, a constant channel to 0.
 
     Raises
     ------
@@ -74,21 +87,20 @@ def collect_samples(episodes: Sequence[Episode], *, gamma: float, standardize: b
 
     """
     lengths = [len(episode) for episode in episodes]
-    if standardize:  # Before they are summed up: one wild reward is in many returns.
-        rewards = winsorized(np.concatenate([e.rewards for e in episodes]))
-        parts = np.split(rewards, np.cumsum(lengths)[:-1])
-    else:
-        parts = [episode.rewards for episode in episodes]
-    returns = np.concatenate([discounted_returns(part, gamma) for part in parts])
+    returns = np.concatenate([discounted_returns(e.rewards, gamma) for e in episodes])
     if not np.isfinite(returns).all():
         largest = max(np.abs(episode.rewards).max() for episode in episodes)
         raise ValueError(f'a reward is {largest:g} in size; expected returns that do not overflow')
     states = np.concatenate([episode.states for episode in episodes])
+    actions = np.concatenate([episode.actions for episode in episodes])
     if standardize:
-        returns, states = standardized(winsorized(returns)), standardized(winsorized(states))
+        returns = standardized(returns)
+        states = standardized(normal_scores(states))
+        actions = standardized(normal_scores(actions))
     owner = np.repeat(np.arange(len(episodes)), lengths)
     step = np.concatenate([np.arange(length) for length in lengths])
-    return Samples(returns, states, owner, step)
+    sources = np.array([episode.source for episode in episodes])
+    return Samples(returns, states, owner, step, actions, sources)
 
 
 def split_by_step(
@@ -150,18 +162,18 @@ def step_samples(
     return split_by_step(collect_samples(episodes, gamma=gamma, standardize=standardize), **options)
 
 
-def winsorized(values: np.ndarray) -> np.ndarray:
-    """Return values (N,) or (N, v) drawn to the fences of their channel.
+def normal_scores(values: np.ndarray) -> np.ndarray:
+    """Return values (N,) or (N, v) as quantiles of a normal law, by their ranks; ties share one.
 
-    The fences stand as far outside the 5 % and 95 % quantiles as these are from each other
-    (Tukey's, for the middle 90 %). A channel that is constant in between has none: what is rare
-    in it may be all that it tells.
+    Mutual information is invariant under monotone maps of a variable. So an absurd reading is only
+    the largest one, and readings that span decades are as far apart as others.
     """
-    low, high = np.quantile(values, [0.05, 0.95], axis=0)
-    # Halved, so that the largest floats do not overflow.
-    reach = np.where(low < high, high / 2 - low / 2, np.inf)
-    with np.errstate(over='ignore'):
-        return np.clip(values, low - 2 * reach, high + 2 * reach)
+    scores = np.empty(values.shape)
+    for column, of_column in zip(np.atleast_2d(values.T), np.atleast_2d(scores.T), strict=True):
+        _, which, counts = np.unique(column, return_inverse=True, return_counts=True)
+        share = (np.cumsum(counts) - counts / 2) / len(values)
+        of_column[:] = special.ndtri(share)[which]
+    return scores
 
 
 def standardized(values: np.ndarray) -> np.ndarray:

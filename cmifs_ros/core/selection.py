@@ -4,16 +4,78 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from .changing_task import num_outdated
-from .conditional_mi_selector import CONFIRMED, REJECTED, ConditionalMISelector
+from .conditional_mi_selector import ConditionalMISelector
 from .episode import Episode
 from .kdr_selector import KDRSelector
+from .sensor_selector import SensorSelector
+from .statuses import CONFIRMED, REJECTED
 
 METHODS = {'conditional_mi': ConditionalMISelector, 'kdr': KDRSelector}
+
+
+class Effect(NamedTuple):
+    """Share of the target's variance that a sensor adds, and its 95 % confidence interval."""
+
+    share: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class SensorResult:
+    """What a selection says of one sensor. What its method does not estimate is None or empty.
+
+    Attributes
+    ----------
+    name : str
+    channels : tuple of str
+        All channels of the sensor.
+    is_selected : bool
+        Whether its channels are.
+    score : float
+        The criterion of the sensor with those ranked before it; of one that was tested and not
+        selected, with all that were selected.
+    is_constant : bool
+        Whether none of its channels ever changed, so that there was nothing to test.
+    null_band : (float, float, float) or None
+        The score of an uninformative sensor at the same place: 5 %, median, 95 %.
+    pvalue : float or None
+        Of the hypothesis that the sensor is uninformative beside the others selected, corrected
+        for the number of sensors.
+    status : str or None
+        One of `STATUSES`.
+    supporting_channels : tuple of str
+        The channels that the evidence comes from: all, or the informative ones of a large group.
+    redundant_with : tuple of str
+        Confirmed sensors; without one of these there would be strong evidence for this one. So
+        of a copy, or another reading of the same quantity.
+    stability : float or None
+        Share of random halves of the episodes in which the sensor is selected.
+    effect : Effect or None
+    why : str
+        What the sensor is needed for.
+
+    """
+
+    name: str
+    channels: tuple[str, ...]
+    is_selected: bool
+    score: float
+    is_constant: bool = False
+    null_band: tuple[float, float, float] | None = None
+    pvalue: float | None = None
+    status: str | None = None
+    supporting_channels: tuple[str, ...] = ()
+    redundant_with: tuple[str, ...] = ()
+    stability: float | None = None
+    effect: Effect | None = None
+    why: str = ''
 
 
 @dataclass(frozen=True)
@@ -24,66 +86,55 @@ class Selection:
     ----------
     indices : tuple of int
         Selected channels, best sensor first.
-    names : tuple of str
-        Their names.
-    ranking : tuple of str
-        Names of all sensors that were ranked, best first; what is below is in the same order.
-    scores : tuple of float
-        The criterion of each sensor with those taken before it; with all that were selected for
-        one that was not.
-    statuses : tuple of str
-        'confirmed': tells something about the return that the others selected do not;
-        'tentative': not shown so far; 'rejected': no evidence that it does.
-    pvalues : tuple of float
-        Of the hypothesis that the sensor tells nothing beside the others selected, corrected for
-        the number of sensors; small is evidence.
-    null_scores : tuple of (float, float, float)
-        The score that a sensor telling nothing would have at the same place: 5 %, median, 95 %.
-    spoke_by : tuple of tuple of str
-        The channels that spoke for the sensor: all of it, or those of a group that tell something.
-    stands_in_for : tuple of tuple of str
-        The confirmed sensors for which the sensor stands in: without one of these there would be
-        strong evidence for it. A copy, or another reading of the same.
-    stability : tuple of float
-        Share of random halves of the episodes in which the sensor is selected; empty if not asked.
-    outdated : int
-        Of the oldest episodes, how many no longer fit the newest, and were left out.
+    sensors : tuple of SensorResult
+        All that were ranked, best first.
     episodes, steps : int
         Size of the data it rests on.
     seconds : float
         Computing time.
     means, spreads : tuple of float
         Mean and standard deviation of each channel, and last of the reward, in those data.
+    outdated : int
+        How many of the oldest episodes no longer fit the newest, and were left out.
+    number : int
+        Tells apart the selections that a node puts to use, and grows; 0 if it is not in use.
 
     """
 
     indices: tuple[int, ...]
-    names: tuple[str, ...]
-    ranking: tuple[str, ...]
-    scores: tuple[float, ...]
+    sensors: tuple[SensorResult, ...]
     episodes: int
     steps: int
     seconds: float
     means: tuple[float, ...] = ()
     spreads: tuple[float, ...] = ()
-    statuses: tuple[str, ...] = ()
-    pvalues: tuple[float, ...] = ()
-    null_scores: tuple[tuple[float, float, float], ...] = ()
-    spoke_by: tuple[tuple[str, ...], ...] = ()
-    stands_in_for: tuple[tuple[str, ...], ...] = ()
-    stability: tuple[float, ...] = ()
     outdated: int = 0
+    number: int = 0
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the selected channels, as `indices`."""
+        return tuple(name for s in self.sensors if s.is_selected for name in s.channels)
+
+    @property
+    def ranking(self) -> tuple[str, ...]:
+        """Names of all sensors, best first."""
+        return tuple(sensor.name for sensor in self.sensors)
+
+    @property
+    def scores(self) -> tuple[float, ...]:
+        """Scores of all sensors, as `ranking`."""
+        return tuple(sensor.score for sensor in self.sensors)
 
     @property
     def confirmed(self) -> tuple[str, ...]:
         """Names of the sensors that are confirmed."""
-        pairs = zip(self.ranking, self.statuses, strict=False)
-        return tuple(name for name, status in pairs if status == CONFIRMED)
+        return tuple(sensor.name for sensor in self.sensors if sensor.status == CONFIRMED)
 
     @property
-    def num_live(self) -> int:
-        """How many sensors, the first of the ranking, ever changed: the rest has no score."""
-        return len(self.ranking) - self.spoke_by.count(())
+    def changing(self) -> tuple[SensorResult, ...]:
+        """The sensors that ever changed; the others have no score of their own."""
+        return tuple(sensor for sensor in self.sensors if not sensor.is_constant)
 
 
 def select(
@@ -110,7 +161,7 @@ def select(
     start : collection of str
         Sensors of an earlier selection.
     num_halves : int
-        How many random halves of the episodes to select from for `Selection.stability`.
+        How many random halves of the episodes to select from for `SensorResult.stability`.
     least_kept : int, optional
         Where the task has changed, leave out the oldest episodes, but none of the newest
         `least_kept`. None leaves out none, nor does a method without evidence.
@@ -122,11 +173,11 @@ def select(
     selector = METHODS[method](**settings)
     selector.fit(episodes, names=channel_names, start=start, progress=progress)
     outdated = 0
-    if least_kept is not None and len(getattr(selector, 'pvalues_', ())):
-        spoke = zip(selector.spoke_by_, selector.statuses_, strict=True)
+    if least_kept is not None and _has_test(selector):
+        pairs = zip(selector.supporting_channels_, selector.statuses_, strict=True)
         outdated = num_outdated(
             episodes,
-            [channel for channels, status in spoke if status != REJECTED for channel in channels],
+            [channel for channels, status in pairs if status != REJECTED for channel in channels],
             least_kept=least_kept,
             gamma=selector.gamma,
             random_state=selector.random_state,
@@ -138,40 +189,62 @@ def select(
     samples = np.concatenate([np.column_stack([e.states, e.rewards]) for e in episodes])
     with np.errstate(over='ignore', invalid='ignore'):  # Huge values: their spread is inf.
         means, spreads = samples.mean(axis=0), samples.std(axis=0)
-    evidence = {}
-    if len(getattr(selector, 'pvalues_', ())):
-        evidence = {
-            'statuses': tuple(selector.statuses_),
-            'pvalues': tuple(selector.pvalues_.tolist()),
-            'null_scores': tuple(map(tuple, selector.null_scores_.tolist())),
-            'spoke_by': tuple(tuple(channel_names[c] for c in s) for s in selector.spoke_by_),
-            'stands_in_for': tuple(
-                tuple(selector.sensor_names_[i] for i in s) for s in selector.stands_in_for_
-            ),
-        }
+    stability = _stability(selector, episodes, channel_names, num_halves)
     return Selection(
         indices=tuple(selector.get_support(indices=True).tolist()),
-        names=tuple(selector.get_feature_names_out()),
-        ranking=tuple(selector.sensor_names_[i] for i in selector.ranking_),
-        scores=tuple(selector.scores_.tolist()),
+        sensors=_results(selector, stability),
         episodes=len(episodes),
         steps=sum(map(len, episodes)),
         seconds=time.perf_counter() - begin,
         means=tuple(means.tolist()),
         spreads=tuple(spreads.tolist()),
-        stability=_stability(selector, episodes, channel_names, num_halves),
         outdated=outdated,
-        **evidence,
     )
 
 
-def _stability(selector, episodes, channel_names, num_halves: int) -> tuple[float, ...]:
-    """Return the share of random halves of the episodes in which each ranked sensor is selected.
+def _has_test(selector: SensorSelector) -> bool:
+    """Tell whether the method, as it is set, tests the sensors that it ranks."""
+    return len(getattr(selector, 'pvalues_', ())) > 0
+
+
+def _results(selector: SensorSelector, stability: np.ndarray | None) -> tuple[SensorResult, ...]:
+    """Return what the selector found of each sensor, best first; see `SensorResult`."""
+    names = selector.feature_names_in_
+    results = [
+        SensorResult(
+            name=selector.sensor_names_[sensor],
+            channels=tuple(names[channel] for channel in selector.sensor_channels_[sensor]),
+            is_selected=place < selector.num_features_,
+            score=float(selector.scores_[place]),
+            stability=None if stability is None else float(stability[sensor]),
+        )
+        for place, sensor in enumerate(selector.ranking_)
+    ]
+    if _has_test(selector):
+        results = [_with_evidence(selector, place, sensor) for place, sensor in enumerate(results)]
+    return tuple(results)
+
+
+def _with_evidence(selector, place: int, sensor: SensorResult) -> SensorResult:
+    supporting = selector.supporting_channels_[place]
+    return replace(
+        sensor,
+        is_constant=not supporting,
+        null_band=tuple(selector.null_scores_[place].tolist()) if supporting else None,
+        pvalue=float(selector.pvalues_[place]),
+        status=selector.statuses_[place],
+        supporting_channels=tuple(selector.feature_names_in_[channel] for channel in supporting),
+        redundant_with=tuple(selector.sensor_names_[i] for i in selector.redundant_with_[place]),
+    )
+
+
+def _stability(selector, episodes, channel_names, num_halves: int) -> np.ndarray | None:
+    """Return the share of random halves of the episodes in which each sensor is selected: (S,).
 
     Meinshausen & Buehlmann, Stability selection, 2010.
     """
     if not num_halves:
-        return ()
+        return None
     rng = np.random.default_rng([selector.random_state, 4])
     counts = np.zeros(len(selector.sensor_names_))
     for _ in range(num_halves):
@@ -179,4 +252,4 @@ def _stability(selector, episodes, channel_names, num_halves: int) -> tuple[floa
         again = type(selector)(**selector.get_params())
         again.fit([episodes[i] for i in half], names=channel_names)
         counts[again.ranking_[: again.num_features_]] += 1
-    return tuple((counts[selector.ranking_] / num_halves).tolist())
+    return counts / num_halves

@@ -1,4 +1,4 @@
-"""What the selectors share: scikit-learn's manners, the checks, and sensors of several channels."""
+"""What the selectors share: a scikit-learn-style API, checks, and sensors of several channels."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ from .search import (
     channels,
     forward_selection,
 )
+from .words import listed
 
 
 class Ranking(NamedTuple):
@@ -41,6 +42,8 @@ class SensorSelector(ABC):
         That of a sensor that was not taken is with all that were.
     sensor_names_ : tuple of str
         Names of the sensors that `ranking_` counts.
+    sensor_channels_ : tuple of tuple of int
+        Their channels.
     num_features_ : int
         Number of sensors selected: the first of the ranking.
     feature_names_in_ : tuple of str
@@ -62,7 +65,7 @@ class SensorSelector(ABC):
 
     @abstractmethod
     def _rank(
-        self, episodes: list[Episode], names: tuple[str, ...], sensors: list[Sensor]
+        self, episodes: list[Episode], names: Sequence[str], sensors: list[Sensor]
     ) -> Ranking:
         """Rank the sensors; raise ValueError for a bad parameter."""
 
@@ -95,7 +98,6 @@ class SensorSelector(ABC):
             If a parameter or the data are not as described; the message names the value.
 
         """
-        self._progress = progress
         episodes, names, sensor_names, sensors = self._checked(episodes, names)
         self._start = [i for i, name in enumerate(sensor_names) if name in start]
         wanted = self.num_features
@@ -111,9 +113,14 @@ class SensorSelector(ABC):
                 f'direction is {self.direction!r}; expected one of {", ".join(DIRECTIONS)}'
             )
 
-        ranking = self._rank(episodes, names, sensors)
+        self._progress = progress
+        try:
+            ranking = self._rank(episodes, names, sensors)
+        finally:
+            del self._progress  # A callable that may not be picklable.
         self.feature_names_in_ = names
         self.sensor_names_ = sensor_names
+        self.sensor_channels_ = tuple(sensors)
         self.ranking_ = np.array(ranking.sensors, dtype=int)
         self.scores_ = np.array(ranking.scores)
         self.num_features_ = ranking.num_selected
@@ -149,9 +156,26 @@ class SensorSelector(ABC):
             )
         return states[..., self._support]
 
-    def get_feature_names_out(self) -> np.ndarray:
-        """Return the names of the channels that `transform` gives, in its order."""
+    def get_feature_names_out(self, input_features: Sequence[str] | None = None) -> np.ndarray:
+        """Return the names of the channels that `transform` gives, in its order.
+
+        Parameters
+        ----------
+        input_features : sequence of str, optional
+            The names that `fit` was given, for scikit-learn's sake.
+
+        Raises
+        ------
+        ValueError
+            If these are other names.
+
+        """
         self._check_fitted()
+        if input_features is not None and tuple(input_features) != self.feature_names_in_:
+            raise ValueError(
+                f'input_features is {listed(list(input_features))}; expected the names given to '
+                f'fit: {listed(self.feature_names_in_)}'
+            )
         return np.array([self.feature_names_in_[i] for i in self._support], dtype=object)
 
     def fit_transform(self, episodes, names: Sequence[str] | None = None):

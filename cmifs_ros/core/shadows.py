@@ -1,4 +1,4 @@
-"""Shadows of a sensor: what it might have said if it told nothing about the return.
+"""Shadows: sensors made uninformative by exchanging their trajectories between the episodes.
 
 The idea is that of Boruta (Kursa & Rudnicki, Feature selection with the Boruta package, 2010).
 """
@@ -8,14 +8,17 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
+from scipy import special
 
 from .samples import Samples
 from .search import Criterion
 
 #: Shadows for each place of the ranking.
 _NUM_SHADOWS = 6
-#: 5 %, median and 95 % of a normal law, in standard deviations.
-_BAND = np.array([-1.645, 0.0, 1.645])
+#: 5 %, median and 95 % of one more, in standard deviations of these: a prediction interval of a
+#: normal law whose mean and deviation are estimated, mean +- t(0.95, n - 1) sqrt(1 + 1/n) s.
+_FACTOR = special.stdtrit(_NUM_SHADOWS - 1, 0.95) * np.sqrt(1 + 1 / _NUM_SHADOWS)
+_BAND = np.array([-_FACTOR, 0.0, _FACTOR])
 
 
 def exchange(trajectories: Sequence[np.ndarray], rng: np.random.Generator) -> list[np.ndarray]:
@@ -47,7 +50,7 @@ def null_scores(
     places: Sequence[Sequence[int]],
     rng: np.random.Generator,
 ) -> np.ndarray:
-    """Return the scores that sensors which tell nothing have beside others.
+    """Return the scores that uninformative sensors have beside others.
 
     Of channels drawn at random whole trajectories change places: neighbouring steps are not
     independent of each other, and a shadow keeps its course in time.
@@ -66,7 +69,8 @@ def null_scores(
     Returns
     -------
     numpy.ndarray, shape (len(places), 3)
-        5 %, median and 95 % at each place, of a normal law with mean and deviation of the shadows.
+        5 %, median and 95 % at each place: a further shadow lies within with probability 0.9,
+        if the scores of shadows are normal.
 
     """
     starts = np.flatnonzero(np.diff(samples.owner)) + 1

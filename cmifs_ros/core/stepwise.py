@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .evidence import combined_pvalue
+from .chance import combined_pvalue
 from .search import Criterion, Sensor
 
 #: Of those without evidence, so many are listed one after the other.
@@ -25,15 +25,16 @@ _MAX_WHOLE = 3
 class Finding(NamedTuple):
     """A sensor, the channels that speak for it, the criterion with them, and its evidence.
 
-    The p-value is corrected for the number of candidates that were left (Holm). `stands_in_for` are
-    the confirmed sensors without one of which there would be strong evidence for this one.
+    The p-value is corrected for the number of candidates that were left (Bonferroni).
+    `redundant_with` are the confirmed sensors without one of which there would be strong evidence
+    for this one.
     """
 
     sensor: int
     channels: Sensor
     score: float
     pvalue: float = 1.0
-    stands_in_for: tuple[int, ...] = ()
+    redundant_with: tuple[int, ...] = ()
 
 
 class StepwiseSelection:
@@ -73,7 +74,7 @@ class StepwiseSelection:
         """Return the confirmed sensors, in the order in which they were found.
 
         The search begins with those of `start` that have evidence given each other. Those of weak
-        evidence come last: what tells much and what stands in for it may score alike.
+        evidence come last: what tells much and what is redundant with it may score alike.
         """
         known = [f._replace(pvalue=0.0) for f in self._candidates(start, [])]
         known = self._without_superfluous(known, num_candidates=len(self._sensors))
@@ -118,10 +119,10 @@ class StepwiseSelection:
         others = self._candidates(self._left(chosen), chosen)
         return sorted(others, key=lambda finding: place.get(finding.sensor, len(place)))
 
-    def with_stand_ins(
+    def with_redundant(
         self, confirmed: Sequence[Finding], others: Sequence[Finding]
     ) -> list[Finding]:
-        """Return the other findings, and of each for which of the confirmed it stands in."""
+        """Return the other findings, and of each which of the confirmed it is redundant with."""
         replaced: dict[int, tuple[int, ...]] = {}
         for place, finding in enumerate(confirmed):
             rest = [*confirmed[:place], *confirmed[place + 1 :]]
@@ -129,11 +130,11 @@ class StepwiseSelection:
             for sensor, pvalue in self._evidence(self._left(confirmed), rest)[0].items():
                 if pvalue <= level:
                     replaced[sensor] = (*replaced.get(sensor, ()), finding.sensor)
-        return [f._replace(stands_in_for=replaced.get(f.sensor, ())) for f in others]
+        return [f._replace(redundant_with=replaced.get(f.sensor, ())) for f in others]
 
     def _units(self, sensor: int) -> list[Sensor]:
         channels = self._sensors[sensor]
-        single = [(channel,) for channel in channels]
+        single: list[Sensor] = [(channel,) for channel in channels]
         return [*single, channels] if 1 < len(channels) <= _MAX_WHOLE else single
 
     def _given(self, taken: Sequence[Finding]) -> list[int]:

@@ -173,7 +173,9 @@ class SelectedState:
                 f'a selection of {listed(names)} is not used: the robot file has no channel '
                 f'{unknown[0]!r}; call ~/clear_episodes of the selector if it has others now'
             )
-        elif number != self._number:
+        else:
+            is_news = set(names) != self._selected
             self._number, self._selected = number, set(names)
             self.apply()
-            self._node.get_logger().info(f'selected_state is {listed(self._newest.names)} now')
+            if is_news:
+                self._node.get_logger().info(f'selected_state is {listed(self._newest.names)} now')

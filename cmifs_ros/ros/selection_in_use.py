@@ -23,15 +23,10 @@ class SelectionInUse:
         Why it was made.
     horizon : int
         Episodes before which nothing is said of a change in the data.
-    previous : SelectionInUse, optional
-        The one that it replaces.
 
     Attributes
     ----------
     selection, channel_names, selected_at, cause : see above
-    number : int
-        Tells apart the sets of channels, also over restarts: the time in seconds since 1970 from
-        which on this set has been in use. A selection of the same channels keeps it.
 
     """
 
@@ -43,14 +38,9 @@ class SelectionInUse:
         selected_at: float,
         cause: str,
         horizon: int,
-        previous: SelectionInUse | None = None,
     ):
         self.selection, self.channel_names = selection, channel_names
         self.selected_at, self.cause = selected_at, cause
-        self.number = int(time.time())
-        if previous is not None:
-            is_same = previous.channels == self.channels
-            self.number = previous.number if is_same else max(self.number, previous.number + 1)
         self._drift: Drift | None = Drift(selection, horizon)
 
     @property

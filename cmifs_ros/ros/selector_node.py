@@ -20,13 +20,13 @@ from std_srvs.srv import Trigger
 from cmifs_ros.collect.episodes.buffer import EpisodeBuffer
 from cmifs_ros.collect.episodes.file import Saved
 from cmifs_ros.collect.episodes.reward_check import problem_of_rewards
+from cmifs_ros.collect.selection_fields import fields_of
 from cmifs_ros.collect.selection_report import (
     change,
     evidence,
     headline,
     is_news,
     is_tentative,
-    reply_of,
 )
 from cmifs_ros.core import Episode
 from cmifs_ros.core.selection import Selection
@@ -80,6 +80,7 @@ class SelectorNode(Node):
         self._attempted_revision: int | None = 0  # None: the last attempt failed
         self._generation = 0  # counts how often the episodes were thrown away
         self._in_use: SelectionInUse | None = None
+        self._number = 0  # of the newest selection that was used
         self._attempt = NOTHING_SO_FAR  # level and message of the last one, if it gave nothing
         self._counted_at, self._counted = -math.inf, 0
         self._storage: SelectorStorage | None = None
@@ -161,9 +162,11 @@ class SelectorNode(Node):
                 )
                 self._in_use = None
                 self._relay.use(None)
-            else:
+            elif names != self._in_use.channel_names:
                 indices = tuple(map(names.index, selection.names))
-                moved = dataclasses.replace(selection, indices=indices, means=(), spreads=())
+                moved = dataclasses.replace(
+                    selection, indices=indices, means=(), spreads=(), number=self._number + 1
+                )
                 self._use(moved, self._in_use.selected_at, self._in_use.cause)
         try:
             check_parameters(self._settings, names)
@@ -219,7 +222,7 @@ class SelectorNode(Node):
         if outcome.selection is None:
             counts = {'episodes': len(self._buffer), 'min_episodes': self._settings['min_episodes']}
             return {'error': outcome.error} | counts
-        reply = reply_of(outcome.selection)
+        reply = fields_of(outcome.selection)
         return reply | {'error': outcome.error} if outcome.error else reply
 
     def _make_job(self, cause: str) -> Job:
@@ -278,11 +281,13 @@ class SelectorNode(Node):
         previous = self._in_use.selection if self._in_use is not None else None
         if is_news(selection, previous):
             self.get_logger().info(f'{headline(selection)}: {evidence(selection)}')
+        selection = dataclasses.replace(selection, number=self._number + 1)
         self._use(selection, time.monotonic(), job.cause)
         self._save()
-        return outcome
+        return dataclasses.replace(outcome, selection=selection)
 
     def _use(self, selection: Selection, selected_at: float, cause: str) -> None:
+        self._number = selection.number
         self._attempt = NOTHING_SO_FAR
         self._in_use = SelectionInUse(
             selection,
@@ -290,12 +295,9 @@ class SelectorNode(Node):
             selected_at=selected_at,
             cause=cause,
             horizon=self._settings['min_episodes'],
-            previous=self._in_use,
         )
         self._relay.use(self._in_use)
-        self._selection_publisher.publish(
-            String(data=json.dumps({'number': self._in_use.number} | reply_of(selection)))
-        )
+        self._selection_publisher.publish(String(data=json.dumps(fields_of(selection))))
         self._indices_publisher.publish(conversions.indices_to_msg(selection.indices))
         header = Header(stamp=self.get_clock().now().to_msg())
         self._scores_publisher.publish(
@@ -314,7 +316,9 @@ class SelectorNode(Node):
         self._revision += 1
         if saved.selection is not None:
             age = max(0.0, time.time() - saved.selected_at)
-            self._use(saved.selection, time.monotonic() - age, 'read from the file')
+            # One that `select_from_bag` has written was never in use.
+            selection = dataclasses.replace(saved.selection, number=saved.selection.number or 1)
+            self._use(selection, time.monotonic() - age, 'read from the file')
         self._save()
 
     def _save(self) -> None:

@@ -7,16 +7,13 @@ from math import inf
 
 from diagnostic_msgs.msg import DiagnosticStatus
 
-from cmifs_ros.collect.selection_report import headline, stand_ins
+from cmifs_ros.collect.selection_report import headline
 from cmifs_ros.core.words import listed
 
 from . import diagnostics
 from .selection_in_use import SelectionInUse
 from .selection_queue import SelectionQueue
 from .state_relay import StateRelay
-
-#: Of so many sensors, the first of the ranking, the evidence is shown.
-MAX_SENSORS = 40
 
 
 def selection(
@@ -55,7 +52,7 @@ def selection(
     if in_use is not None:
         found = in_use.selection
         values |= {
-            'number': in_use.number,
+            'number': found.number,
             'names': listed(found.names),
             'indices': listed([str(index) for index in found.indices]),
             'age in s': f'{in_use.age:.0f}',
@@ -63,16 +60,7 @@ def selection(
             'episodes used': found.episodes,
             'seconds taken': f'{found.seconds:.2f}',
             'states without a selected channel': relay.num_lacking,
-            'sensors that never changed': len(found.ranking) - found.num_live,
         }
-        replacing = stand_ins(found)
-        values |= {'stand-ins': replacing} if replacing else {}
-        for field in ('statuses', 'pvalues', 'stability'):
-            shown = [
-                f'{sensor} {value if isinstance(value, str) else format(value, ".2g")}'
-                for sensor, value in zip(found.ranking, getattr(found, field), strict=False)
-            ]
-            values |= {field: ', '.join(shown[:MAX_SENSORS])} if shown else {}
     if sampler := relay.other_publisher():
         values['selected_state comes from'] = sampler
     level, message = attempt

@@ -61,7 +61,7 @@ class StateRelay:
         if in_use is not None:
             names = layout_of(self._settings['layout'], in_use.channel_names, in_use.channels)
             self._filter = StateFilter(in_use.channels, names)
-            self._message.header.frame_id = str(in_use.number)
+            self._message.header.frame_id = str(in_use.selection.number)
 
     def relay(self, header: Header, names: list[str], values: array) -> None:
         """Take a state."""

@@ -11,7 +11,7 @@ from importlib.util import find_spec
 
 import joblib
 
-from .program import StudyError
+from .program import CommandError
 
 #: Ubuntu 24.04's joblib 1.3 knows less.
 IS_OLD_JOBLIB = tuple(map(int, joblib.__version__.split('.')[:2])) < (1, 4)
@@ -27,7 +27,7 @@ def backend(scheduler: str | None) -> Iterator[None]:
 
     Raises
     ------
-    StudyError
+    CommandError
         If the cluster cannot be used, or breaks down.
 
     """
@@ -39,27 +39,27 @@ def backend(scheduler: str | None) -> Iterator[None]:
     try:
         from distributed import CancelledError, Client, KilledWorker
     except ImportError as error:
-        raise StudyError(
+        raise CommandError(
             '--scheduler needs the package distributed, here and on the cluster: '
             'python3 -m pip install distributed'
         ) from error
     if IS_OLD_JOBLIB:
-        raise StudyError(f'--scheduler needs joblib 1.4 or newer; this is {joblib.__version__}')
+        raise CommandError(f'--scheduler needs joblib 1.4 or newer; this is {joblib.__version__}')
     try:
         client = Client(scheduler, timeout=_PATIENCE)
     except (OSError, ValueError) as error:
-        raise StudyError(f'no Dask scheduler answers at {scheduler}: {error}') from error
+        raise CommandError(f'no Dask scheduler answers at {scheduler}: {error}') from error
     with client:
         # A worker without the package would not say so: its task would never end.
         has_package = client.run(lambda: find_spec('cmifs_ros') is not None)
         if not has_package:
-            raise StudyError(f'the cluster of {scheduler} has no worker: dask worker {scheduler}')
+            raise CommandError(f'the cluster of {scheduler} has no worker: dask worker {scheduler}')
         if not all(has_package.values()):
             lacking = [worker for worker, has_it in has_package.items() if not has_it]
-            raise StudyError(f'cmifs_ros is not installed on the worker {lacking[0]}')
+            raise CommandError(f'cmifs_ros is not installed on the worker {lacking[0]}')
         try:
             with joblib.parallel_config(backend='dask'):
                 yield
         except (CancelledError, KilledWorker) as error:
             what = ' '.join(str(error).split())
-            raise StudyError(f'the cluster of {scheduler} broke down: {what}') from error
+            raise CommandError(f'the cluster of {scheduler} broke down: {what}') from error

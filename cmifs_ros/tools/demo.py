@@ -8,9 +8,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
-import signal
-import subprocess
 import sys
 import tempfile
 import time
@@ -18,7 +15,6 @@ from pathlib import Path
 from textwrap import shorten
 
 import rclpy
-from ament_index_python.packages import PackageNotFoundError, get_package_prefix
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import Parameter, ParameterValue
 from rcl_interfaces.srv import SetParameters
@@ -33,6 +29,8 @@ from cmifs_ros.core.selection import Selection
 from cmifs_ros.sim import SCENARIOS, channel_names
 
 from .arguments import file_to_write
+from .processes import InterruptionError, Processes, executable, stay_apart
+from .program import CommandError
 from .ranking import draw_ranking, ranking_text
 
 #: What matters in each world, known because the world is ours; only used to comment the result.
@@ -52,12 +50,12 @@ GO_ON = [
 NUM_SHOWN = 3
 _LINE_WIDTH = 68
 READING = """\
-score          what the return shares with this sensor and the selected before
-               it (of one not selected: with all of these); more sensors are
-               harder to learn from, so that it may fall without any harm done
-tells nothing  that score (5 % to 95 %) if this sensor told nothing
-p              how likely so much by chance; a test sharper than the score
-status         confirmed, tentative (more episodes may show it) or rejected"""
+score      what the return shares with this sensor and those selected before
+           it (if it is not selected: with all that are); it may fall, since
+           more sensors are harder to learn from, and that does no harm
+null band  the scores of an uninformative sensor there, 5 % to 95 %
+p          from a test of its own, which is sharper than the score
+status     confirmed, tentative (more episodes may settle it) or rejected"""
 NEXT = """\
 your own robot next, from what it publishes already (docs/robot_file.md):
   ros2 bag record -a --include-hidden-topics -o my_bag
@@ -65,71 +63,6 @@ your own robot next, from what it publishes already (docs/robot_file.md):
   (say in my_robot.yaml what pays)
   ros2 run cmifs_ros select_from_bag my_bag --robot my_robot.yaml --report page
   ros2 launch cmifs_ros robot.launch.xml robot_file:=my_robot.yaml"""
-
-
-class DemoError(RuntimeError):
-    """The demo cannot go on; the message says why."""
-
-
-class DemoInterruptedError(RuntimeError):
-    """The demo was told to stop by a signal, which is the argument."""
-
-
-class Processes:
-    """The demo's child processes; leaving the context ends them all.
-
-    From its making on, SIGINT and SIGTERM take effect at the next `check`: raised anywhere
-    else, they could leave a process behind that was just being started.
-    """
-
-    def __init__(self, folder: Path):
-        self._folder = folder
-        self._running: dict[str, subprocess.Popen] = {}
-        self._signals: list[int] = []
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, lambda number, _: self._signals.append(number))
-
-    def start(self, name: str, *command: str) -> None:
-        """Start a process whose output goes to a file."""
-        with self.log(name).open('w') as output:
-            self._running[name] = subprocess.Popen(
-                command, stdout=output, stderr=subprocess.STDOUT, stdin=subprocess.DEVNULL
-            )
-
-    def log(self, name: str) -> Path:
-        """Return the file with the output of a process."""
-        return self._folder / f'{name}.log'
-
-    def lines(self, name: str) -> list[str]:
-        """Return the whole lines that a process has written so far."""
-        return self.log(name).read_text().split('\n')[:-1]
-
-    def check(self) -> None:
-        """Raise if a signal came, or a process has ended."""
-        if self._signals:
-            raise DemoInterruptedError(self._signals[0])
-        for name, process in self._running.items():
-            if process.poll() is not None:
-                raise DemoError(
-                    f'the {name} ended early with exit code {process.returncode}:\n'
-                    + self.log(name).read_text()
-                )
-
-    def __enter__(self) -> Processes:
-        """Return itself."""
-        return self
-
-    def __exit__(self, *_) -> None:
-        """End all processes: ask first, then kill."""
-        for process in self._running.values():
-            process.send_signal(signal.SIGTERM)
-        deadline = time.monotonic() + 2
-        for process in self._running.values():
-            try:
-                process.wait(max(0, deadline - time.monotonic()))
-            except subprocess.TimeoutExpired:
-                process.kill()
-                process.wait()
 
 
 class Client(Node):
@@ -170,11 +103,11 @@ class Client(Node):
         going_on = self._call(self._set_parameters, SetParameters.Request(parameters=GO_ON))
         for result in self._result(going_on).results:
             if not result.successful:
-                raise DemoError(f'the simulator refused to go on: {result.reason}')
+                raise CommandError(f'the simulator refused to go on: {result.reason}')
         reply = self._result(selecting)
         result = json.loads(reply.message)
         if not reply.success:
-            raise DemoError(f'select_features: {result["error"]}')
+            raise CommandError(f'select_features: {result["error"]}')
         return result
 
     def _call(self, client, request):
@@ -187,18 +120,6 @@ class Client(Node):
             rclpy.spin_until_future_complete(self, future, timeout_sec=0.5)
             self._processes.check()
         return future.result()
-
-
-def executable(name: str) -> str:
-    """Return the path that `ros2 run cmifs_ros NAME` starts."""
-    try:
-        path = Path(get_package_prefix('cmifs_ros'), 'lib', 'cmifs_ros', name)
-    except (PackageNotFoundError, LookupError, OSError) as error:
-        raise DemoError(
-            'the package cmifs_ros is not installed here; build it with colcon and source '
-            'install/setup.bash, or use `make demo`'
-        ) from error
-    return str(path)
 
 
 def print_selection(selection: Selection, scenario: str) -> None:
@@ -268,7 +189,7 @@ def run(options: argparse.Namespace) -> None:
         meanwhile = len(received) - num_before
         # The last ones may be of the selected sensors already; all may have been missed.
         before = [line for line in received if len(line.split()) == count][-1:]
-        selection = selection_of(result | {'means': [], 'spreads': []})
+        selection = selection_of(result)
         print(
             f'answered after {selection.seconds:.1f} s of computing on {selection.episodes} '
             f'episodes, {selection.steps} steps'
@@ -292,7 +213,7 @@ def _states(processes: Processes, count: int) -> list[str]:
         if len(lines) >= NUM_SHOWN:
             return lines
         if time.monotonic() > deadline:
-            raise DemoError(f'the downstream node received no states of {count} sensors')
+            raise CommandError(f'the downstream node received no states of {count} sensors')
         processes.check()
         time.sleep(1 / SHOW_RATE)
 
@@ -315,16 +236,14 @@ def main(arguments: list[str] | None = None) -> int:
         parser.error(f'--episodes is {options.episodes}; expected at least 2')
     options.out = options.out or Path(f'demo_{options.scenario}.png')
 
-    # Stay on this machine, and out of the way of other nodes on it.
-    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-    os.environ.setdefault('ROS_DOMAIN_ID', str(1 + os.getpid() % 100))
+    stay_apart()
     try:
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
         run(options)
-    except DemoError as error:
+    except CommandError as error:
         print(f'demo: {error}', file=sys.stderr)
         return 1
-    except DemoInterruptedError as interrupt:
+    except InterruptionError as interrupt:
         print('\ndemo: interrupted', file=sys.stderr)
         return 128 + interrupt.args[0]
     finally:

@@ -18,7 +18,8 @@ from cmifs_ros.core.words import counted
 from .ranking import (
     MAX_SHOWN,
     PLAIN_COLOR,
-    channels_that_spoke,
+    STATUS_COLORS,
+    columns_of,
     draw_ranking,
     figure_of,
     label_of,
@@ -30,20 +31,21 @@ body { font: 16px/1.5 system-ui, sans-serif; max-width: 60rem; margin: 2rem auto
 table { border-collapse: collapse; } td, th { padding: .2rem .8rem; text-align: left;
        border-bottom: 1px solid #d1d9e0; } td.number { text-align: right; white-space: nowrap; }
 td.name { max-width: 16rem; }
-.confirmed { color: #1a7f37; } .tentative { color: #9a6700; } .rejected { color: #59636e; }
 img { max-width: 100%; } .note { color: #59636e; }
-"""
+""" + ' '.join(f'.{status} {{ color: {color}; }}' for status, color in STATUS_COLORS.items())
+#: So many names of channels or other sensors stand in a cell of the table.
+_MAX_NAMES = 20
 
 _READING_SCORES = 'The score is the criterion of the sensor with those taken before it.'
 _READING = (
-    'The score is what the return shares with the sensor and those selected before it, and for '
-    'one that is not selected, with all that are; grey is what it would be if the sensor told '
-    'nothing. It may fall from one to the next, since more sensors are harder to learn from, not '
-    'because one does harm. p is how likely so much by chance, from a test of its own that is '
-    'sharper than the score. Confirmed: there is evidence. Tentative: more episodes may show it. '
-    'Rejected: no evidence that it tells more than the confirmed do. Below the selected come '
-    'first those that are likely to tell something beside these and each other, then the rest by '
-    'their scores, whatever their status.'
+    'The score is what the return shares with the sensor and those selected before it; for a '
+    'sensor that is not selected, with all that are. Grey is the null band: the scores that an '
+    'uninformative sensor would have there. The score may fall from one sensor to the next, since '
+    'more sensors are harder to learn from; that does no harm. p comes from a test of its own, '
+    'which is sharper than the score. Confirmed: there is evidence. Tentative: the evidence is '
+    'weak; more episodes may settle it. Rejected: no evidence that the sensor is informative '
+    'beside the confirmed ones. Below the selected sensors come first those that are likely to '
+    'be informative beside these and each other, then the rest by score, whatever their status.'
 )
 
 
@@ -85,12 +87,13 @@ def write_report(
         )
     selected = ', '.join(selection.names) or f'nothing: {NOTHING_SELECTED}'
     states = np.concatenate([episode.states for episode in episodes])
+    is_tested = any(sensor.pvalue is not None for sensor in selection.sensors)
     parts = [
         f'<h1>Selected: {escape(selected)}</h1>',
         f'<p>From {counted(selection.episodes, "episode")}, {counted(selection.steps, "step")}, '
         f'{counted(len(names), "channel")}, in {selection.seconds:.1f} s.</p>',
         '<h2>Ranking</h2>',
-        f'<p class="note">{_READING if selection.pvalues else _READING_SCORES}</p>',
+        f'<p class="note">{_READING if is_tested else _READING_SCORES}</p>',
         _image(draw_ranking(selection), 'score of each sensor of the ranking'),
         _ranking_table(selection),
         '<h2>Correlation of the selected with the other channels</h2>',
@@ -124,34 +127,17 @@ def _image(figure, description: str) -> str:
 
 
 def _ranking_table(selection: Selection) -> str:
-    columns = ['', 'sensor', 'score']
-    columns += ['tells nothing: 5 %, median, 95 %'] if selection.null_scores else []
-    columns += ['p'] if selection.pvalues else []
-    columns += ['status'] if selection.statuses else []
-    columns += ['selected in'] if selection.stability else []
-    spoke_by = channels_that_spoke(selection)
-    columns += ['by its channels'] if any(spoke_by) else []
-    columns += ['stands in for'] if any(selection.stands_in_for) else []
-    rows = [f'<tr>{"".join(f"<th>{name}</th>" for name in columns)}</tr>']
-    for i in range(selection.num_live):
-        cells = [_number(i + 1), f'<td class="name">{escape(selection.ranking[i])}</td>']
-        cells.append(_number(f'{selection.scores[i]:.3f}'))
-        if selection.null_scores:
-            cells.append(_number(', '.join(f'{n:.3f}' for n in selection.null_scores[i])))
-        if selection.pvalues:
-            cells.append(_number(f'{selection.pvalues[i]:.2g}'))
-        if selection.statuses:
-            status = escape(selection.statuses[i])
-            cells.append(f'<td class="{status}">{status}</td>')
-        if selection.stability:
-            cells.append(_number(f'{selection.stability[i]:.0%}'))
-        if any(spoke_by):
-            cells.append(f'<td class="name">{escape(", ".join(spoke_by[i]))}</td>')
-        if any(selection.stands_in_for):
-            cells.append(f'<td class="name">{escape(", ".join(selection.stands_in_for[i]))}</td>')
+    columns = columns_of(selection, _MAX_NAMES)
+    rows = [f'<tr>{"".join(f"<th>{column.heading}</th>" for column in columns)}</tr>']
+    for i in range(len(selection.changing)):
+        cells = []
+        for heading, values, is_text in columns:
+            value = escape(values[i])
+            kind = value if heading == 'status' else 'name' if is_text else 'number'
+            cells.append(f'<td class="{kind}">{value}</td>')
         rows.append(f'<tr>{"".join(cells)}</tr>')
-    constant = ', '.join(selection.ranking[selection.num_live :])
-    more = f'<p>Never changed, and so tell nothing: {escape(constant)}</p>' if constant else ''
+    constant = ', '.join(sensor.name for sensor in selection.sensors if sensor.is_constant)
+    more = f'<p>Never changed, and so uninformative: {escape(constant)}</p>' if constant else ''
     return f'<table>{"".join(rows)}</table>{more}'
 
 

@@ -13,7 +13,7 @@ from cmifs_ros.collect.bag import BagError
 from cmifs_ros.collect.robot_file.template import robot_file_of_bag, robot_file_of_topics
 
 from .arguments import file_to_write, number_from
-from .program import StudyError, exit_code
+from .program import CommandError, exit_code
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -43,9 +43,9 @@ def _run(options: argparse.Namespace) -> None:
         with options.out.open('x') as file:
             file.write(text)
     except FileExistsError:
-        raise StudyError(f'{options.out} exists; expected the name of a new file') from None
+        raise CommandError(f'{options.out} exists; expected the name of a new file') from None
     except (BagError, OSError) as error:
-        raise StudyError(str(error)) from error
+        raise CommandError(str(error)) from error
     has_ros2 = shutil.which('ros2')  # The nodes run without it too.
     run = 'ros2 run cmifs_ros ' if has_ros2 else 'install/cmifs_ros/lib/cmifs_ros/'
     if options.bag:
@@ -72,7 +72,7 @@ def _listen(seconds: int) -> str:
     print(f'listening for {seconds} s ...', file=sys.stderr, flush=True)
     heard, unknown = survey(seconds)
     if not any(one.count for one in heard):
-        raise StudyError(
+        raise CommandError(
             f'no message was heard in {seconds} s; is the robot running, with the same '
             'ROS_DOMAIN_ID? --seconds listens longer, --bag reads a recording'
         )

@@ -10,8 +10,8 @@ from collections.abc import Callable
 from concurrent.futures.process import BrokenProcessPool
 
 
-class StudyError(RuntimeError):
-    """The study cannot go on; the message says why."""
+class CommandError(RuntimeError):
+    """The command cannot go on; the message says why."""
 
 
 def start(module: str) -> int:
@@ -57,7 +57,7 @@ def watch() -> int:
 
 
 def exit_code(program: str, run: Callable[[], None], what_then: str = 'nothing is kept') -> int:
-    """Run a study and return the exit code; `what_then` says what an interruption leaves."""
+    """Run a command and return the exit code; `what_then` says what an interruption leaves."""
     signals = []
 
     def interrupt(number, _):
@@ -68,7 +68,7 @@ def exit_code(program: str, run: Callable[[], None], what_then: str = 'nothing i
     _on_signals(interrupt)
     try:
         run()
-    except StudyError as error:
+    except CommandError as error:
         print(f'{program}: {error}', file=sys.stderr)
         return 1
     except (BrokenProcessPool, KeyboardInterrupt):

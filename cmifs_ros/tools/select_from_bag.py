@@ -15,11 +15,11 @@ from cmifs_ros.collect.episodes import file as episode_file
 from cmifs_ros.collect.episodes.episode_check import problems_of_episodes
 from cmifs_ros.collect.episodes.reward_check import problem_of_rewards
 from cmifs_ros.collect.robot_file.reader import RobotFile, RobotFileError, load_robot_file
-from cmifs_ros.collect.selection_report import reply_of
+from cmifs_ros.collect.selection_fields import fields_of
 from cmifs_ros.core.words import counted
 
 from .arguments import file_to_write, folder_to_write, number_from
-from .program import StudyError, exit_code
+from .program import CommandError, exit_code
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -70,7 +70,7 @@ def _run(options: argparse.Namespace) -> None:
             bags = _read(options.bags, robot, options)
             _select(bags, robot, options)
     except (BagError, RobotFileError, OSError) as error:
-        raise StudyError(str(error)) from error
+        raise CommandError(str(error)) from error
 
 
 def _read(paths: list[str], robot: RobotFile | None, options) -> list[BagEpisodes]:
@@ -125,7 +125,7 @@ def _select(bags: list[BagEpisodes], robot: RobotFile | None, options) -> None:
     names = next(bag.channel_names for bag in bags if bag.episodes)
     problem = problem_of_rewards(episodes)
     if problem:
-        raise StudyError(problem)
+        raise CommandError(problem)
     settings = {'num_features': options.num_features, 'n_jobs': os.cpu_count()}
     if robot and robot.groups:
         settings['groups'] = robot.groups
@@ -138,12 +138,12 @@ def _select(bags: list[BagEpisodes], robot: RobotFile | None, options) -> None:
         )
         (selection,) = Parallel(1)([job])
     except ValueError as error:  # of the settings or the episodes
-        raise StudyError(str(error)) from error
+        raise CommandError(str(error)) from error
     print(f'\n{ranking_text(selection)}\n')
     print(f'selected: {", ".join(selection.names) or "nothing"} ({selection.seconds:.1f} s)')
     options.out.mkdir(parents=True, exist_ok=True)
     written = [options.out / 'selection.json', options.out / 'selection.png']
-    written[0].write_text(json.dumps(reply_of(selection), indent=1) + '\n')
+    written[0].write_text(json.dumps(fields_of(selection), indent=1) + '\n')
     draw_ranking(selection).savefig(written[1], dpi=150)
     if options.episodes_file:
         # A selector that starts with a selection of nothing would publish nothing.

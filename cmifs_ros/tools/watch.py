@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import signal
 import sys
@@ -18,7 +19,9 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.validate_namespace import validate_namespace
 from rich.console import Console
 from rich.live import Live
-from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+
+from cmifs_ros.collect.selection_fields import selection_of
 
 from .watch_view import Snapshot, Status, view
 
@@ -46,7 +49,7 @@ class Watcher:
         self.snapshot = Snapshot()
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         node.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
-        node.create_subscription(JointState, 'scores', self._on_scores, latched)
+        node.create_subscription(String, 'selection', self._on_selection, latched)
 
     def look(self) -> Snapshot:
         """Return what is known now."""
@@ -80,8 +83,13 @@ class Watcher:
         if what in self.snapshot.sampler or len(self.snapshot.sampler) < _MAX_TOPICS:
             self.snapshot.sampler[what] = said
 
-    def _on_scores(self, msg: JointState) -> None:
-        self.snapshot.ranking, self.snapshot.scores = list(msg.name), list(msg.position)
+    def _on_selection(self, msg: String) -> None:
+        try:
+            self.snapshot.selection = selection_of(json.loads(msg.data))
+            self.snapshot.unreadable = ''
+        except (ValueError, TypeError, KeyError, RecursionError, OverflowError) as error:
+            # Anybody may publish there, or a selector of another version.
+            self.snapshot.unreadable = repr(error)
 
 
 def run(node: Node, console: Console) -> int:
@@ -104,7 +112,7 @@ def run(node: Node, console: Console) -> int:
             if not watcher.snapshot.is_complete and now < begin + _PATIENCE:
                 incomplete_at = now
         console.print(view(watcher.look()))
-        return 0 if watcher.snapshot.selector else 1
+        return 0 if watcher.snapshot.selector or watcher.snapshot.sampler else 1
     with Live(console=console, auto_refresh=False, screen=True) as live:
         shown_at = 0.0
         while not stopping:

@@ -1,4 +1,4 @@
-"""What `watch` shows: from the plain values of diagnostics and scores to lines of text."""
+"""What `watch` shows: from the plain values of diagnostics and the selection to lines of text."""
 
 from __future__ import annotations
 
@@ -11,18 +11,22 @@ from rich.rule import Rule
 from rich.table import Table
 from rich.text import Text
 
+from cmifs_ros.collect.selection_report import redundancies
+from cmifs_ros.core.selection import Selection
+from cmifs_ros.core.statuses import CONFIRMED, REJECTED, TENTATIVE
 from cmifs_ros.core.words import counted
 
 #: By level of diagnostic_msgs/DiagnosticStatus: word and style. The word tells without colour.
 LEVELS = (('ok', 'green'), ('warn', 'yellow'), ('error', 'bold red'), ('stale', 'magenta'))
-_STATUS_STYLES = {'confirmed': 'green', 'tentative': 'yellow', 'rejected': 'dim'}
+_STATUS_STYLES = {CONFIRMED: 'green', TENTATIVE: 'yellow', REJECTED: 'dim'}
 #: Seconds without diagnostics, which come once a second, after which the selector seems gone.
 GONE_AFTER = 5.0
 _BAR_WIDTH = 16
 _NAME_WIDTH = 24
 #: What the sampler says of its steps, beside what it says of each topic.
 _STEPS = 'steps'
-_MAX_BAD_TOPICS = 4
+_MAX_BAD_TOPICS, _MAX_TOPICS = 4, 12
+_MAX_REASON = 200
 
 
 class Status(NamedTuple):
@@ -43,9 +47,10 @@ class Snapshot:
         Its name with the namespace; empty until it was heard of.
     statuses : dict of str to Status
         By what they are of: input, selection, storage.
-    ranking : sequence of str
-    scores : sequence of float
-        The criterion of the first 1, 2, ... sensors of the ranking.
+    selection : Selection or None
+        The one in use.
+    unreadable : str
+        Why the newest selection that was published cannot be read; empty if it can.
     sampler : dict of str to Status
         Of the sampler, if there is one: of its steps, and by topic.
     silence, sampler_silence : float
@@ -57,8 +62,8 @@ class Snapshot:
 
     selector: str = ''
     statuses: dict[str, Status] = field(default_factory=dict)
-    ranking: Sequence[str] = ()
-    scores: Sequence[float] = ()
+    selection: Selection | None = None
+    unreadable: str = ''
     sampler: dict[str, Status] = field(default_factory=dict)
     silence: float = 0.0
     sampler_silence: float = 0.0
@@ -68,15 +73,17 @@ class Snapshot:
     def is_complete(self) -> bool:
         """Whether all has come that the selector has to say."""
         selection = self.statuses.get('selection')
-        return selection is not None and ('names' not in selection.values or bool(self.ranking))
+        return selection is not None and (
+            'names' not in selection.values or self.selection is not None
+        )
 
 
 def view(snapshot: Snapshot, max_sensors: int = 40) -> Group:
     """Return the whole view, readable at 80 columns; of a long ranking the first sensors."""
+    parts = [Rule(_plain(f'/{snapshot.selector}' if snapshot.selector else 'watch'), align='left')]
     if not snapshot.selector:
-        return Group(Rule('watch', align='left'), *_nothing_heard(snapshot.elsewhere))
-    parts = [Rule(_plain(f'/{snapshot.selector}'), align='left')]
-    if snapshot.silence > GONE_AFTER:
+        parts += _nothing_heard(snapshot.elsewhere)
+    elif snapshot.silence > GONE_AFTER:
         parts.append(
             Text(f'nothing heard for {snapshot.silence:.0f} s; below is the last', LEVELS[2][1])
         )
@@ -88,11 +95,11 @@ def view(snapshot: Snapshot, max_sensors: int = 40) -> Group:
         facts.add_row('' if i else 'sampler', line)
     for what, status in snapshot.statuses.items():
         facts.add_row(what, _headline(status))
-        for line in _DETAILS.get(what, lambda values: ())(status.values):
+        for line in _DETAILS.get(what, lambda snapshot: ())(snapshot):
             facts.add_row('', line)
     parts.append(facts)
-    if snapshot.ranking:
-        parts += [Text(), *_ranking(snapshot, max(1, max_sensors - len(sampler)))]
+    if snapshot.selection is not None:
+        parts += [Text(), *_ranking(snapshot.selection, max(1, max_sensors - len(sampler)))]
     return Group(*parts)
 
 
@@ -121,19 +128,30 @@ def _headline(status: Status) -> Text:
 
 
 def _sampler_lines(snapshot: Snapshot):
+    """Yield the steps, and the topics with problems; without a selector, all topics."""
     if snapshot.sampler_silence > GONE_AFTER:
         yield Text(f'nothing heard for {snapshot.sampler_silence:.0f} s', LEVELS[2][1])
         return
     if _STEPS in snapshot.sampler:
-        yield _headline(snapshot.sampler[_STEPS])
-    bad = [(w, s) for w, s in snapshot.sampler.items() if s.level > 0 and w != _STEPS]
-    for topic, status in bad[:_MAX_BAD_TOPICS]:
-        yield Text.assemble(_plain(topic), ' ', _headline(status))
-    if len(bad) > _MAX_BAD_TOPICS:
-        yield Text(f'and {counted(len(bad) - _MAX_BAD_TOPICS, "more topic")}')
+        steps = snapshot.sampler[_STEPS]
+        yield _headline(steps)
+        yield _plain(
+            f'{counted(steps.values.get("steps", "?"), "step")}, '
+            f'{steps.values.get("steps per s", "?")} per s'
+        )
+    topics = [(what, said) for what, said in snapshot.sampler.items() if what != _STEPS]
+    most = _MAX_TOPICS
+    if snapshot.selector:
+        topics, most = [(what, said) for what, said in topics if said.level > 0], _MAX_BAD_TOPICS
+    topics.sort(key=lambda topic: -topic[1].level)
+    for topic, said in topics[:most]:
+        yield Text.assemble(_plain(topic), ' ', _headline(said))
+    if len(topics) > most:
+        yield Text(f'and {counted(len(topics) - most, "more topic")}')
 
 
-def _input_lines(values: Mapping[str, str]):
+def _input_lines(snapshot: Snapshot):
+    values = snapshot.statuses['input'].values
     yield _plain(
         f'{counted(values.get("episodes", "?"), "episode")}, '
         f'{counted(values.get("steps", "?"), "step")}; '
@@ -143,7 +161,8 @@ def _input_lines(values: Mapping[str, str]):
     yield from map(_plain, dropped)
 
 
-def _selection_lines(values: Mapping[str, str]):
+def _selection_lines(snapshot: Snapshot):
+    values, selection = snapshot.statuses['selection'].values, snapshot.selection
     if 'names' in values:
         yield _plain(f'in use: {values["names"]}')
         yield _plain(
@@ -151,8 +170,10 @@ def _selection_lines(values: Mapping[str, str]):
             f'{counted(values.get("episodes used", "?"), "episode")} '
             f'in {values.get("seconds taken", "?")} s'
         )
-    if 'stand-ins' in values:
-        yield _plain(f'stand-ins: {values["stand-ins"]}')
+    if selection is not None and redundancies(selection):
+        yield _plain(f'redundant: {redundancies(selection)}')
+    if snapshot.unreadable:
+        yield _plain(f'the topic selection cannot be read: {snapshot.unreadable[:_MAX_REASON]}')
     worker = f'worker {values.get("worker", "?")}'
     if values.get('worker') == 'computing':
         worker += f' for {values.get("computing for s", "?")} s'
@@ -160,7 +181,8 @@ def _selection_lines(values: Mapping[str, str]):
     yield _plain(worker)
 
 
-def _storage_lines(values: Mapping[str, str]):
+def _storage_lines(snapshot: Snapshot):
+    values = snapshot.statuses['storage'].values
     yield _plain(f'{_megabytes(values, "file bytes")} MB in {values.get("path", "?")}')
 
 
@@ -174,10 +196,6 @@ def _megabytes(values: Mapping[str, str], key: str) -> str:
         return '?'
 
 
-def _number(text: str) -> int:
-    return int(text) if text.isdecimal() else 0
-
-
 def _age(seconds: str) -> str:
     if not seconds.isdigit():
         return '?'
@@ -186,49 +204,34 @@ def _age(seconds: str) -> str:
     return f'{hours} h {minutes} min' if hours else f'{minutes} min' if minutes else f'{seconds} s'
 
 
-def by_sensor(ranking: Sequence[str], listed: str) -> dict[str, str]:
-    """Return the values of 'x confirmed, y tentative' by sensor; a name may hold ', ' itself."""
-    found, begin = {}, 0
-    for name in ranking:
-        if not listed.startswith(f'{name} ', begin):
-            break
-        value, _, _ = listed[begin + len(name) + 1 :].partition(', ')
-        found[name] = value
-        begin += len(name) + 1 + len(value) + len(', ')
-    return found
-
-
-def _ranking(snapshot: Snapshot, max_sensors: int):
-    values = snapshot.statuses['selection'].values if 'selection' in snapshot.statuses else {}
-    statuses = by_sensor(snapshot.ranking, values.get('statuses', ''))
-    pvalues = by_sensor(snapshot.ranking, values.get('pvalues', ''))
-    num_live = len(snapshot.ranking) - _number(values.get('sensors that never changed', ''))
-    scores = snapshot.scores[: max(0, num_live)]
-    best = max([*scores, 0.0])
+def _ranking(selection: Selection, max_sensors: int):
+    sensors = selection.changing
+    best = max([*(sensor.score for sensor in sensors), 0.0])
+    is_tested = any(sensor.pvalue is not None for sensor in sensors)
     table = Table(box=None, pad_edge=False, header_style='bold')
     table.add_column('', justify='right')
     table.add_column('sensor', no_wrap=True)
     table.add_column('score', justify='right', no_wrap=True)
     table.add_column('', width=_BAR_WIDTH)
-    if pvalues:
+    if is_tested:
         table.add_column('p', justify='right', no_wrap=True)
-    if statuses:
         table.add_column('status', no_wrap=True)
-    rows = zip(snapshot.ranking, scores, strict=False)
-    for rank, (name, score) in enumerate(list(rows)[:max_sensors], start=1):
-        share = max(0.0, score / best) if best > 0 else 0.0
-        status = statuses.get(name, '')
-        table.add_row(
-            str(rank),
-            _plain(_short(name)),
-            f'{score:.3f}',
+    for rank, sensor in enumerate(sensors[:max_sensors], start=1):
+        share = max(0.0, sensor.score / best) if best > 0 else 0.0
+        row = [
+            Text(str(rank)),
+            _plain(_short(sensor.name)),
+            Text(f'{sensor.score:.3f}'),
             Text('█' * round(_BAR_WIDTH * share), 'cyan'),
-            *([_plain(pvalues.get(name, ''))] if pvalues else []),
-            *([Text(status, _STATUS_STYLES.get(status, ''))] if statuses else []),
-        )
+        ]
+        if is_tested:
+            pvalue = '' if sensor.pvalue is None else f'{sensor.pvalue:.2g}'
+            status = sensor.status or ''
+            row += [Text(pvalue), Text(status, _STATUS_STYLES.get(status, ''))]
+        table.add_row(*row)
     yield table
-    left = num_live - max_sensors
-    if left > 0:
-        yield Text(f'and {left} more')
-    if num_live < len(snapshot.ranking):
-        yield Text(f'{counted(len(snapshot.ranking) - num_live, "sensor")} never changed')
+    if len(sensors) > max_sensors:
+        yield Text(f'and {len(sensors) - max_sensors} more')
+    num_constant = len(selection.sensors) - len(sensors)
+    if num_constant:
+        yield Text(f'{counted(num_constant, "sensor")} never changed')

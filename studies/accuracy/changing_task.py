@@ -17,11 +17,10 @@ import numpy as np
 from cmifs_ros.core import Episode
 from cmifs_ros.core.selection import select
 from cmifs_ros.tools.program import exit_code
-from studies.parallel_trials import results_of
-from studies.tables import markdown_table
-from studies.tasks import TASKS
-
-from .trial_arguments import add_trial_arguments
+from studies.tasks.registry import TASKS
+from studies.trials.arguments import study_parser
+from studies.trials.parallel import results_of
+from studies.trials.tables import markdown_table
 
 WINDOW, LEAST_KEPT = 100, 20
 NEW_EPISODES = (0, 20, 40, 60, 80, 100)
@@ -107,10 +106,7 @@ def run(options: argparse.Namespace) -> None:
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the study; return the exit code."""
-    parser = argparse.ArgumentParser(
-        prog='changing_task', description=' '.join(__doc__.split()), allow_abbrev=False
-    )
-    add_trial_arguments(parser)
+    parser = study_parser('changing_task', __doc__, first_seed=1000)
     options = parser.parse_args(arguments)
     return exit_code('changing_task', lambda: run(options))
 

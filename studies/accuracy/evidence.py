@@ -13,15 +13,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cmifs_ros.tools.program import StudyError, exit_code
-from studies.methods import METHODS
-from studies.parallel_trials import finish
-from studies.tables import markdown_table
-from studies.tasks import TASKS, what_is_missing
-from studies.trial_log import TrialLog
-from studies.trials import Trial
-
-from .trial_arguments import add_log_argument, add_trial_arguments
+from cmifs_ros.tools.program import CommandError, exit_code
+from studies.methods.registry import METHODS
+from studies.tasks.registry import TASKS, what_is_missing
+from studies.trials.arguments import add_log, study_parser
+from studies.trials.log import TrialLog
+from studies.trials.parallel import finish
+from studies.trials.tables import markdown_table
+from studies.trials.trial import Trial
 
 #: Whether a trial shows what is asked for, from the names that were selected, in their order,
 #: and those that are relevant.
@@ -87,9 +86,9 @@ ROWS = (
     Row('pendulum', 60, exactly, '>= 80 %'),
     Row('copy', 60, one_of_a_pair, '>= 90 %'),
     Row('noisy_copy', 60, one_of_a_pair, '>= 90 %'),
-    Row('copy', 60, the_other_of_a_pair, 'to see', 'stand_ins'),
-    Row('noisy_copy', 60, the_other_of_a_pair, 'to see', 'stand_ins'),
-    Row('with_gravel', 100, anything, '<= 5 %', 'stand_ins'),
+    Row('copy', 60, the_other_of_a_pair, 'to see', 'redundant'),
+    Row('noisy_copy', 60, the_other_of_a_pair, 'to see', 'redundant'),
+    Row('with_gravel', 100, anything, '<= 5 %', 'redundant'),
     Row('two_switches', 60, exactly, '>= 90 %'),
     Row('wild_readings', 60, all_found, '>= 90 %'),
     Row('one_wild_reading', 60, all_found, '>= 90 %'),
@@ -115,7 +114,7 @@ def run(options: argparse.Namespace) -> None:
     try:
         log = TrialLog(options.log)
     except (OSError, ValueError) as error:
-        raise StudyError(str(error)) from error
+        raise CommandError(str(error)) from error
     missing = {task: what_is_missing(task) for task in dict.fromkeys(row.task for row in ROWS)}
     for task, hint in missing.items():
         if hint:
@@ -146,7 +145,7 @@ def run(options: argparse.Namespace) -> None:
                 row.task + ', shuffled' * (row.method == 'automatic_shuffled'),
                 row.episodes,
                 row.question.__doc__.rstrip('.'),
-                METHODS[row.method] if row.method in ('forest', 'stand_ins') else 'ours',
+                METHODS[row.method] if row.method in ('forest', 'redundant') else 'ours',
                 row.asked,
                 f'{share:.0%} ± {error:.0%}',
                 f'{np.median([outcome.seconds for outcome in outcomes]):.1f}',
@@ -158,11 +157,8 @@ def run(options: argparse.Namespace) -> None:
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the study; return the exit code."""
-    parser = argparse.ArgumentParser(
-        prog='evidence', description=' '.join(__doc__.split()), allow_abbrev=False
-    )
-    add_trial_arguments(parser)
-    add_log_argument(parser)
+    parser = study_parser('evidence', __doc__, first_seed=1000)
+    add_log(parser)
     options = parser.parse_args(arguments)
     kept = 'the same command continues where it stopped' if options.log else 'nothing is kept'
     return exit_code('evidence', lambda: run(options), kept)

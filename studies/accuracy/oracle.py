@@ -13,15 +13,15 @@ import sys
 import numpy as np
 
 from cmifs_ros.core import Lsmi
-from cmifs_ros.tools.arguments import names_among, numbers_from
 from cmifs_ros.tools.program import exit_code
-from studies.methods import criterion_of, mean_and_error
-from studies.parallel_trials import results_of
-from studies.tables import markdown_table
-from studies.tasks import TASKS, what_is_missing
+from studies.methods.registry import criterion_of
+from studies.tasks.registry import TASKS, what_is_missing
+from studies.trials.arguments import add_names, study_parser
+from studies.trials.parallel import results_of
+from studies.trials.statistics import mean_and_error
+from studies.trials.tables import markdown_table
 
 from .rank_sums import USUAL_TASKS
-from .trial_arguments import add_trial_arguments
 
 
 def ranked_higher(task: str, num_episodes: int, seed: int) -> list[int]:
@@ -68,24 +68,8 @@ def run(options: argparse.Namespace) -> None:
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:
     """Return the options; a bad one ends the program with a sentence."""
-    parser = argparse.ArgumentParser(
-        prog='accuracy_oracle', description=' '.join(__doc__.split()), allow_abbrev=False
-    )
-    parser.add_argument(
-        '--tasks',
-        type=names_among(USUAL_TASKS),
-        default='without_gravel,with_gravel',
-        metavar='NAME,...',
-        help='default %(default)s',
-    )
-    parser.add_argument(
-        '--episodes',
-        type=numbers_from(2),
-        default='20,40',
-        metavar='M,M,...',
-        help='default %(default)s',
-    )
-    add_trial_arguments(parser)
+    parser = study_parser('accuracy_oracle', __doc__, first_seed=1000, episodes='20,40')
+    add_names(parser, '--tasks', USUAL_TASKS, ('without_gravel', 'with_gravel'))
     return parser.parse_args(arguments)
 
 

@@ -15,17 +15,16 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cmifs_ros.tools.arguments import names_among, numbers_from
-from cmifs_ros.tools.program import StudyError, exit_code
-from studies import methods, tasks
-from studies.methods import METHODS, SELECTING
-from studies.parallel_trials import finish
-from studies.tables import markdown_table
-from studies.tasks import TASKS
-from studies.trial_log import TrialLog
-from studies.trials import Results, Trial
-
-from .trial_arguments import add_log_argument, add_trial_arguments
+from cmifs_ros.tools.program import CommandError, exit_code
+from studies.methods import registry as methods
+from studies.methods.registry import METHODS, SELECTING
+from studies.tasks import registry as tasks
+from studies.tasks.registry import TASKS
+from studies.trials.arguments import add_log, add_names, study_parser
+from studies.trials.log import TrialLog
+from studies.trials.parallel import finish
+from studies.trials.tables import markdown_table
+from studies.trials.trial import Results, Trial
 
 #: Those asked for by default, first in the table, where the others follow.
 USUAL_METHODS = ('default', 'paper', 'kdr', 'ennemi', 'sklearn', 'forest')
@@ -96,7 +95,7 @@ def run(options: argparse.Namespace) -> None:
     try:
         log = TrialLog(options.log)
     except (OSError, ValueError) as error:
-        raise StudyError(str(error)) from error
+        raise CommandError(str(error)) from error
     chosen_methods = available(
         NUMBER_METHODS if options.number else options.methods, methods.what_is_missing
     )
@@ -109,7 +108,7 @@ def run(options: argparse.Namespace) -> None:
         for method in chosen_methods
     ]
     if not wanted:
-        raise StudyError('nothing of what was asked for is installed')
+        raise CommandError('nothing of what was asked for is installed')
     results = finish(wanted, log, options.jobs)
     seeds = f'{options.first_seed} to {options.first_seed + options.trials - 1}'
     if options.number:
@@ -122,38 +121,16 @@ def run(options: argparse.Namespace) -> None:
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:
     """Return the options; a bad one ends the program with a sentence."""
-    parser = argparse.ArgumentParser(
-        prog='accuracy', description=' '.join(__doc__.split()), allow_abbrev=False
-    )
-    parser.add_argument(
-        '--tasks',
-        type=names_among(TASKS),
-        default=','.join(USUAL_TASKS),
-        metavar='NAME,...',
-        help='default %(default)s',
-    )
-    parser.add_argument(
-        '--methods',
-        type=names_among(ALL_METHODS),
-        default=','.join(USUAL_METHODS),
-        metavar='NAME,...',
-        help=f'default %(default)s; also {",".join(ALL_METHODS[len(USUAL_METHODS) :])}',
-    )
+    parser = study_parser('accuracy', __doc__, first_seed=1000, episodes='20,40,100')
+    add_names(parser, '--tasks', TASKS, USUAL_TASKS)
+    add_names(parser, '--methods', ALL_METHODS, USUAL_METHODS)
     parser.add_argument(
         '--number',
         action='store_true',
         help='in place of methods and rank sums: what the automatic number selects, on the task '
         'and with the states shuffled between episodes',
     )
-    parser.add_argument(
-        '--episodes',
-        type=numbers_from(2),
-        default='20,40,100',
-        metavar='M,M,...',
-        help='default %(default)s',
-    )
-    add_trial_arguments(parser)
-    add_log_argument(parser)
+    add_log(parser)
     return parser.parse_args(arguments)
 
 

@@ -24,12 +24,13 @@ import numpy as np
 from tqdm import tqdm
 
 from cmifs_ros.core import ConditionalMISelector, Episode, KDRSelector
-from cmifs_ros.tools.arguments import file_to_write, names_among, number_from, numbers_from
-from cmifs_ros.tools.program import StudyError, exit_code
-from studies.methods import mean_and_error
-from studies.parallel_trials import results_of
-from studies.tables import markdown_table
-from studies.tasks import TASKS, what_is_missing
+from cmifs_ros.tools.arguments import file_to_write
+from cmifs_ros.tools.program import CommandError, exit_code
+from studies.tasks.registry import TASKS, what_is_missing
+from studies.trials.arguments import add_names, study_parser
+from studies.trials.parallel import results_of
+from studies.trials.statistics import mean_and_error
+from studies.trials.tables import markdown_table
 
 from .fitted_q import REGRESSORS, FittedQ
 from .worlds import LEARNING_TASKS, Transitions, collect, returns_of
@@ -127,7 +128,7 @@ def read(path: Path) -> list[dict[str, str]]:
     path.write_text(complete)
     head, *rows = csv.reader(complete.splitlines())
     if tuple(head) != COLUMNS:
-        raise StudyError(f'{path} begins with {head}; expected {COLUMNS}: move it away')
+        raise CommandError(f'{path} begins with {head}; expected {COLUMNS}: move it away')
     return [dict(zip(COLUMNS, row, strict=True)) for row in rows]
 
 
@@ -169,7 +170,7 @@ def costs_table(rows: list[dict[str, str]], options: argparse.Namespace) -> str:
 def run(options: argparse.Namespace) -> None:
     """Run the cases that the file lacks, then print the table."""
     if find_spec('sklearn') is None:
-        raise StudyError('scikit-learn is not here: python3 -m pip install scikit-learn')
+        raise CommandError('scikit-learn is not here: python3 -m pip install scikit-learn')
     tasks = [task for task in options.tasks if not what_is_missing(task)]
     for task in set(options.tasks) - set(tasks):
         print(f'{task}: {what_is_missing(task)}')
@@ -200,22 +201,11 @@ def run(options: argparse.Namespace) -> None:
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:
     """Return the options; a bad one ends the program with a sentence."""
-    parser = argparse.ArgumentParser(
-        prog='learning', description=' '.join(__doc__.split()), allow_abbrev=False
-    )
+    parser = study_parser('learning', __doc__, trials=20, episodes='50,100,300', least_episodes=4)
     for option, choices in (
         ('tasks', LEARNING_TASKS), ('sees', SEES), ('regressors', REGRESSORS),
     ):  # fmt: skip
-        parser.add_argument(
-            f'--{option}', type=names_among(list(choices)), default=list(choices),
-            metavar='NAME,...', help=f'some of {", ".join(choices)} (default all)',
-        )  # fmt: skip
-    parser.add_argument(
-        '--episodes', type=numbers_from(4), default='50,100,300', metavar='M,M,...',
-        help='to learn from (default %(default)s)',
-    )  # fmt: skip
-    parser.add_argument('--trials', type=number_from(1), default=20, help='default 20')
-    parser.add_argument('--jobs', type=number_from(1), help='processes (default: one a core)')
+        add_names(parser, f'--{option}', choices, choices)
     parser.add_argument(
         '--out', type=file_to_write, default=Path('learning/trials.csv'),
         help='the finished trials; what it holds is not run again (default %(default)s)',

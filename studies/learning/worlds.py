@@ -10,9 +10,9 @@ import numpy as np
 from cmifs_ros.core import Episode
 from cmifs_ros.sim import GridWorld, sample_action
 from cmifs_ros.sim.grid_world import MAX_EPISODE_STEPS, MOVES
-from studies.distractors import NUM_NOISE, NUM_WALKS
-from studies.environments import ENVIRONMENTS, NUM_STEPS
-from studies.tasks import TASKS
+from studies.tasks.distractors import NUM_NOISE, NUM_WALKS
+from studies.tasks.environments import ENVIRONMENTS, NUM_STEPS
+from studies.tasks.registry import TASKS
 
 #: Torques among which the pendulum's learner chooses; the behaviour draws one of them.
 TORQUES = (-2.0, 0.0, 2.0)
@@ -68,7 +68,7 @@ class _Grid:
 
 
 class _AmongDistractors:
-    """One of Gymnasium's environments with the channels of `studies.distractors` appended."""
+    """One of Gymnasium's environments with the channels of `studies.tasks.distractors` appended."""
 
     def __init__(self, name: str, actions: Sequence, seed: int):
         own, other, rest = (int(s) for s in np.random.SeedSequence(seed).generate_state(3))
@@ -115,7 +115,7 @@ def _gymnasium_task(name: str, actions: Sequence) -> LearningTask:
     )
 
 
-#: The channels, their names and what is relevant are those of `studies.tasks.TASKS`.
+#: The channels, their names and what is relevant are those of `studies.tasks.registry.TASKS`.
 LEARNING_TASKS = {
     'without_gravel': _grid_task('without_gravel'),
     'with_gravel': _grid_task('with_gravel'),

@@ -18,8 +18,9 @@ import numpy as np
 
 from cmifs_ros.sim import SCENARIOS
 from cmifs_ros.tools.arguments import file_to_write, number_from
-from cmifs_ros.tools.demo import DemoError, executable
-from cmifs_ros.tools.program import StudyError, exit_code
+from cmifs_ros.tools.processes import executable
+from cmifs_ros.tools.program import CommandError, exit_code
+from studies.trials.arguments import study_parser
 
 #: Seconds a run may take beyond what its steps do.
 _PATIENCE = 60.0
@@ -67,7 +68,7 @@ def run_loop(options: argparse.Namespace, seed: int, with_selector: bool) -> lis
         deadline = time.monotonic() + seconds
         while processes[-1].poll() is None:
             if time.monotonic() > deadline or any(p.poll() is not None for p in processes[:-1]):
-                raise StudyError(f'the loop of seed {seed} did not end within {seconds:.0f} s')
+                raise CommandError(f'the loop of seed {seed} did not end within {seconds:.0f} s')
             time.sleep(0.2)
         output.seek(0)
         return output.read().splitlines()
@@ -112,10 +113,7 @@ def run(options: argparse.Namespace) -> None:
     returns: dict[bool, list[list[float]]] = {True: [], False: []}
     for seed in range(options.trials):
         for with_selector, runs in returns.items():
-            try:
-                lines = run_loop(options, seed, with_selector)
-            except DemoError as error:
-                raise StudyError(error) from error
+            lines = run_loop(options, seed, with_selector)
             runs.append([float(line) for line in lines if not line.startswith('#')])
             last = np.mean(runs[-1][-50:])
             print(f'seed {seed}, {LABELS[with_selector]}: the last 50 episodes return {last:.2f}')
@@ -128,12 +126,9 @@ def run(options: argparse.Namespace) -> None:
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:
     """Return the options; a bad one ends the program with a sentence."""
-    parser = argparse.ArgumentParser(
-        prog='closed_loop', description=' '.join(__doc__.split()), allow_abbrev=False
-    )
+    parser = study_parser('closed_loop', __doc__, trials=3, has_jobs=False)
     parser.add_argument('--scenario', choices=SCENARIOS, default='without_gravel')
     parser.add_argument('--episodes', type=number_from(100), default=300, help='default 300')
-    parser.add_argument('--trials', type=number_from(1), default=3, help='seeds (default 3)')
     parser.add_argument(
         '--num-features', type=number_from(0), default=0, help='0: automatic (the default)'
     )

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from studies.tables import markdown_table
-from studies.tasks import TASKS
-from studies.trials import Results, Trial
+from studies.tasks.registry import TASKS
+from studies.trials.tables import markdown_table
+from studies.trials.trial import Results, Trial
 
 NUM_FEATURES = 14
 #: The feature of Figure 7, s(4), which senses gravel.

@@ -10,10 +10,11 @@ import argparse
 import sys
 from pathlib import Path
 
-from cmifs_ros.tools.arguments import folder_to_write, names_among, number_from, numbers_from
-from cmifs_ros.tools.program import StudyError, exit_code
-from studies.parallel_trials import finish
-from studies.trial_log import TrialLog
+from cmifs_ros.tools.arguments import folder_to_write, number_from
+from cmifs_ros.tools.program import CommandError, exit_code
+from studies.trials.arguments import add_names, study_parser
+from studies.trials.log import TrialLog
+from studies.trials.parallel import finish
 
 from .figures import markdown, plan, save_figures
 
@@ -28,8 +29,10 @@ def run(options: argparse.Namespace) -> None:
         options.out.mkdir(parents=True, exist_ok=True)
         log = TrialLog(options.out / 'trials.csv')
     except (OSError, ValueError) as error:
-        raise StudyError(str(error)) from error
-    wanted = plan(options.figure, options.methods, options.episodes, options.trials, options.seed)
+        raise CommandError(str(error)) from error
+    wanted = plan(
+        options.figure, options.methods, options.episodes, options.trials, options.first_seed
+    )
     done = sum(trial in log.outcomes for trial in wanted)
     print(f'{len(wanted)} trials, {done} of them already in {options.out / "trials.csv"}')
     results = finish(wanted, log, options.jobs, options.scheduler)
@@ -41,30 +44,12 @@ def run(options: argparse.Namespace) -> None:
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:
     """Return the options; a bad one ends the program with a sentence."""
-    parser = argparse.ArgumentParser(
-        prog='reproduce_paper', description=' '.join(__doc__.split()), allow_abbrev=False
+    episodes = '10,20,30,40,50,60,70,80,90,100'  # Figure 7 takes the greatest.
+    parser = study_parser(
+        'reproduce_paper', __doc__, first_seed=0, episodes=episodes, has_jobs=False
     )
     parser.add_argument('--figure', choices=(*FIGURES, 'all'), default='all')
-    parser.add_argument(
-        '--trials', type=number_from(1), default=50, help='repetitions (default 50)'
-    )
-    parser.add_argument(
-        '--episodes',
-        type=numbers_from(2),
-        default='10,20,30,40,50,60,70,80,90,100',
-        metavar='M,M,...',
-        help='numbers of episodes, figure 7 takes the greatest (default %(default)s)',
-    )
-    parser.add_argument(
-        '--methods',
-        type=names_among(METHODS),
-        default=','.join(METHODS),
-        metavar='NAME,...',
-        help='default %(default)s',
-    )
-    parser.add_argument(
-        '--seed', type=number_from(0), default=0, help='trial i has the seed SEED + i (default 0)'
-    )
+    add_names(parser, '--methods', METHODS, METHODS)
     parser.add_argument(
         '--out',
         type=folder_to_write,

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import sys
 import tempfile
 import time
@@ -24,13 +23,15 @@ from std_srvs.srv import Trigger
 from tqdm import tqdm
 
 from cmifs_ros.collect.episodes import file as episode_file
+from cmifs_ros.collect.selection_fields import selection_of
 from cmifs_ros.core import Episode
+from cmifs_ros.core.selection import Selection
 from cmifs_ros.ros.run_node import make_executor
 from cmifs_ros.tools import select_from_bag
 from cmifs_ros.tools.arguments import number_from
-from cmifs_ros.tools.demo import DemoError, executable
-from cmifs_ros.tools.program import StudyError, exit_code
-from studies.soak.processes import Process, SoakError
+from cmifs_ros.tools.processes import executable, stay_apart
+from cmifs_ros.tools.program import CommandError, exit_code
+from studies.nodes.process import Process
 
 from .drive import TOPICS
 from .recorder import Recorder
@@ -78,18 +79,18 @@ class Operator:
         deadline = time.monotonic() + seconds
         while not condition():
             if time.monotonic() > deadline:
-                raise StudyError(f'waited {seconds:.0f} s in vain until {what}')
+                raise CommandError(f'waited {seconds:.0f} s in vain until {what}')
             self._executor.spin_once(0.05)
 
-    def select(self) -> dict:
-        """Return the selector's reply."""
+    def select(self) -> Selection:
+        """Return what the selector replies."""
         future = self._select.call_async(Trigger.Request())
         self.until(future.done, 'the selector answered', _SELECTION)
         reply = json.loads(future.result().message)
-        error = reply.pop('error', '')
-        if 'ranking' not in reply:  # Where nothing is selected, it is an error with a ranking.
-            raise StudyError(f'the selector refuses: {error}')
-        return reply
+        error = reply.get('error', '')
+        if error:
+            raise CommandError(f'the selector refuses: {error}')
+        return selection_of(reply)
 
     def close(self) -> None:
         """Leave the graph and end the bag."""
@@ -98,7 +99,7 @@ class Operator:
         self.recorder.close()
 
 
-def drive(folder: Path, options: argparse.Namespace) -> dict:
+def drive(folder: Path, options: argparse.Namespace) -> Selection:
     """Let the robot drive; leave `live` (episodes) and `bag`, and return the live selection."""
     (logs := folder / 'logs').mkdir()
     robot_command = ('-m', 'studies.robot.robot_node', str(options.goals), str(options.seed))
@@ -142,42 +143,55 @@ def run(options: argparse.Namespace) -> None:
     """Drive, select live and from the bag, and compare."""
     with tempfile.TemporaryDirectory(prefix='cmifs_robot_') as name:
         folder = Path(name)
-        try:
-            live = drive(folder, options)
-        except (DemoError, SoakError) as error:
-            raise StudyError(str(error)) from error
+        live = drive(folder, options)
         arguments = [str(folder / 'bag'), '--robot', str(ROBOT_FILE), '--out', name]
         if select_from_bag.main([*arguments, '--episodes-file', str(folder / 'from_bag')]):
-            raise StudyError('select_from_bag failed')
+            raise CommandError('select_from_bag failed')
         one, other = (
             episode_file.read(folder / which, max_episodes=options.goals, max_bytes=10**9)
             for which in ('live', 'from_bag')
         )
-        from_bag = json.loads((folder / 'selection.json').read_text())
+        from_bag = selection_of(json.loads((folder / 'selection.json').read_text()))
     pairs = list(zip_longest(one.episodes, other.episodes))
     names = one.channel_names
     differing = {i: what for i, pair in enumerate(pairs) if (what := _difference(*pair, names))}
     if differing:
-        raise StudyError(
+        raise CommandError(
             f'live and from the bag, episodes differ, by number: {differing}; a best-effort '
             'message may have reached only one, where the machine is slow: --speed can be less'
         )
     print(f'the same {len(one.episodes)} episodes live and from the bag, byte for byte')
-    numbers = ('scores', 'pvalues', 'null_scores')
-    different = [k for k in live if k not in ('seconds', *numbers) and live[k] != from_bag.get(k)]
     # The node's linear algebra has one thread, which changes the last digits.
-    gap = max(
-        np.abs(np.subtract(live[k], from_bag[k])).max(initial=0) for k in numbers if k in live
-    )
-    if different or live.keys() != from_bag.keys() or gap > 1e-6:
-        raise StudyError(
-            f'the live selection and that of the bag differ in {different}, scores by {gap:.1g}: '
-            f'{live} {from_bag}'
+    gap = np.inf
+    if _words(live) == _words(from_bag):
+        gap = np.abs(np.subtract(_numbers(live), _numbers(from_bag))).max(initial=0)
+    if gap > 1e-6:
+        raise CommandError(
+            f'the live selection and that of the bag differ, scores by {gap:.1g}: {live} {from_bag}'
         )
     print(
-        f'the same selection live and from the bag: {", ".join(live["names"]) or "nothing"} '
+        f'the same selection live and from the bag: {", ".join(live.names) or "nothing"} '
         f'(scores to {gap:.0e})'
     )
+
+
+def _words(selection: Selection) -> tuple:
+    """Return what two selections of the same data have to have in common exactly."""
+    return (
+        selection.indices,
+        selection.episodes,
+        selection.steps,
+        selection.outdated,
+        [
+            (s.name, s.channels, s.is_constant, s.status, s.supporting_channels, s.redundant_with)
+            for s in selection.sensors
+        ],
+    )
+
+
+def _numbers(selection: Selection) -> np.ndarray:
+    """Return scores and evidence of all sensors, one after the other."""
+    return np.concatenate([(s.score, s.pvalue, *(s.null_band or ())) for s in selection.sensors])
 
 
 def _difference(one: Episode | None, other: Episode | None, names: Sequence[str]) -> str:
@@ -203,8 +217,7 @@ def main(arguments: list[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     if not 0.1 <= options.speed <= 20:
         parser.error(f'--speed is {options.speed:g}; expected 0.1 to 20')
-    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-    os.environ.setdefault('ROS_DOMAIN_ID', str(1 + os.getpid() % 100))
+    stay_apart()
     return exit_code('robot', lambda: run(options), 'its nodes are ended')
 
 

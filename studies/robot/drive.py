@@ -14,7 +14,7 @@ from sensor_msgs.msg import BatteryState, Imu, LaserScan
 from std_msgs.msg import Float32, Header
 
 from cmifs_ros.ros import conversions
-from studies.lidar_world import MAX_STEPS, RANGE_MAX, STEP_SECONDS, LidarWorld
+from studies.tasks.lidar_world import MAX_STEPS, RANGE_MAX, STEP_SECONDS, LidarWorld
 
 #: In ns.
 TICK = 10_000_000

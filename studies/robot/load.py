@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import sys
 import tempfile
 import time
@@ -22,9 +21,9 @@ from diagnostic_msgs.msg import DiagnosticArray
 
 from cmifs_ros.ros.run_node import make_executor
 from cmifs_ros.tools.arguments import number_from
-from cmifs_ros.tools.demo import DemoError, executable
-from cmifs_ros.tools.program import StudyError, exit_code
-from studies.soak.processes import Process, SoakError
+from cmifs_ros.tools.processes import executable, stay_apart
+from cmifs_ros.tools.program import CommandError, exit_code
+from studies.nodes.process import Process
 
 from .load_nodes import PERIODS, TOPICS
 
@@ -61,7 +60,7 @@ def _until(condition, what: str, seconds: float = _PATIENCE) -> None:
     deadline = time.monotonic() + seconds
     while not condition():
         if time.monotonic() > deadline:
-            raise StudyError(f'waited {seconds:.0f} s in vain until {what}')
+            raise CommandError(f'waited {seconds:.0f} s in vain until {what}')
         time.sleep(0.05)
 
 
@@ -102,25 +101,22 @@ def run(options: argparse.Namespace) -> None:
     with tempfile.TemporaryDirectory(prefix='cmifs_load_') as name, ExitStack() as stack:
         (folder := Path(name) / 'logs').mkdir()
         (robot_file := Path(name) / 'robot.yaml').write_text(ROBOT_FILE)
-        try:
-            for what, role in (('subscribes', 'listen'), ('subscribes, raw', 'listen_raw')):
-                with load_node(folder, role) as listener:
-                    share, sent = measure(folder, listener, options.seconds)
-                    time.sleep(_REST)
-                _print(what, share, sent, json.loads(listener.log.read_text().splitlines()[-1]))
-            sampler = stack.enter_context(
-                Process(folder, executable('sampler_node'), robot_file=str(robot_file))
-            )
-            with load_node(folder, 'relay'), load_node(folder, 'control') as control:
-                before = machine_times()
-                share, sent = measure(folder, sampler, options.seconds)
-                busy, total = (now - t for now, t in zip(machine_times(), before, strict=True))
+        for what, role in (('subscribes', 'listen'), ('subscribes, raw', 'listen_raw')):
+            with load_node(folder, role) as listener:
+                share, sent = measure(folder, listener, options.seconds)
                 time.sleep(_REST)
-            _print('sampler_node', share, sent, sampled())
-            ages = json.loads(control.log.read_text().splitlines()[-1])
-            print_ages(ages, busy / total)
-        except (DemoError, SoakError) as error:
-            raise StudyError(str(error)) from error
+            _print(what, share, sent, json.loads(listener.log.read_text().splitlines()[-1]))
+        sampler = stack.enter_context(
+            Process(folder, executable('sampler_node'), robot_file=str(robot_file))
+        )
+        with load_node(folder, 'relay'), load_node(folder, 'control') as control:
+            before = machine_times()
+            share, sent = measure(folder, sampler, options.seconds)
+            busy, total = (now - then for now, then in zip(machine_times(), before, strict=True))
+            time.sleep(_REST)
+        _print('sampler_node', share, sent, sampled())
+        ages = json.loads(control.log.read_text().splitlines()[-1])
+        print_ages(ages, busy / total)
 
 
 def machine_times() -> tuple[float, float]:
@@ -153,8 +149,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog='load', description=' '.join(__doc__.split()))
     parser.add_argument('--seconds', type=number_from(1), default=60, help='default 60')
     options = parser.parse_args(arguments)
-    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-    os.environ.setdefault('ROS_DOMAIN_ID', str(1 + os.getpid() % 100))
+    stay_apart()
     return exit_code('load', lambda: run(options), 'its nodes are ended')
 
 

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import argparse
-import os
 import sys
 import tempfile
 from pathlib import Path
 
-from cmifs_ros.tools.program import StudyError, exit_code
+from cmifs_ros.tools.processes import stay_apart
+from cmifs_ros.tools.program import exit_code
 
 from .faults import Faults
 from .loads import Loads
-from .processes import SoakError
 
 
 class Soak(Loads, Faults):
@@ -32,12 +31,9 @@ def run(options: argparse.Namespace) -> None:
     print('| injected | how often | lost or measured |\n|---|---|---|', flush=True)
     with tempfile.TemporaryDirectory(prefix='cmifs_soak_') as folder:
         soak = Soak(Path(folder), options.scale)
-        try:
-            for part in options.parts or PARTS:
-                for row in getattr(soak, part)():
-                    print(f'| {" | ".join(row)} |', flush=True)
-        except SoakError as error:
-            raise StudyError(str(error)) from error
+        for part in options.parts or PARTS:
+            for row in getattr(soak, part)():
+                print(f'| {" | ".join(row)} |', flush=True)
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -48,8 +44,7 @@ def main(arguments: list[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     if unknown := set(options.parts) - set(PARTS):
         parser.error(f'{", ".join(sorted(unknown))}; expected some of {", ".join(PARTS)}')
-    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-    os.environ.setdefault('ROS_DOMAIN_ID', str(1 + os.getpid() % 100))
+    stay_apart()
     return exit_code('soak', lambda: run(options), 'its nodes are ended')
 
 

@@ -9,9 +9,11 @@ import signal
 import numpy as np
 from std_srvs.srv import Trigger
 
+from cmifs_ros.tools.program import CommandError
+from studies.nodes.process import Process
+
 from .messages import LENGTH, random_reward, random_state
 from .part import Part
-from .processes import Process, SoakError
 from .robot import Robot, robot_and
 
 
@@ -93,7 +95,7 @@ class Faults(Part):
                 robot.wait_for('selected_state')
                 kept = len(robot.numbers_in(path)) if path.exists() else 0
                 if int(robot.input['episodes']) != kept:
-                    raise SoakError(f'{kept} episodes were saved, but {robot.input} came back')
+                    raise CommandError(f'{kept} episodes were saved, but {robot.input} came back')
                 robot.run(200, int(rng.integers(200, 800)))
                 process.kill()
                 # A transition was taken for sure if the state after the next one was relayed.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import time
 from functools import partial
 from pathlib import Path
@@ -9,21 +10,27 @@ from pathlib import Path
 import numpy as np
 from rcl_interfaces.srv import ListParameters
 
+from studies.nodes.process import Process
+
 from .messages import LENGTH
 from .part import Part
-from .processes import Process
 from .robot import Robot, robot_and
 
 
 class Loads(Part):
     """Executors, rates and a million transitions."""
 
+    def _bare(self, node: str, executor: str = 'chosen', **parameters) -> Process:
+        """Start one of `bare_nodes`."""
+        command = (sys.executable, '-m', 'studies.soak.bare_nodes', node, executor)
+        return Process(self.folder, *command, **parameters)
+
     def executors(self):
         """Compare the executors: the same nodes, the same messages, in turns."""
         for node in ('relay', 'selector'):
             found = {}
             for executor in ('single', 'chosen') * 2:
-                process = Process.bare(self.folder, node, executor, selection_period=0.0)
+                process = self._bare(node, executor, selection_period=0.0)
                 with robot_and(process) as robot:
                     robot.wait_for('selected_state')
                     used, begin = process.cpu_seconds(), time.monotonic()
@@ -44,7 +51,7 @@ class Loads(Part):
         """1 kHz, with selections back to back, against a bare relay in turns of 5 s."""
         path = self.folder / 'load'
         selector = Process.selector(self.folder, selection_period=0.0, episodes_path=str(path))
-        relay = Process.bare(self.folder, 'relay', namespace='/relay')
+        relay = self._bare('relay', namespace='/relay')
         with robot_and(selector, relay) as robot:
             robot.wait_for('selected_state')
             robot.wait_for('/relay/selected_state')

@@ -20,9 +20,10 @@ from std_srvs.srv import Trigger
 from cmifs_ros.collect.episodes import file as episode_file
 from cmifs_ros.ros import conversions
 from cmifs_ros.ros.run_node import make_executor
+from cmifs_ros.tools.program import CommandError
+from studies.nodes.process import Process
 
 from .messages import FIELDS, LENGTH, NAMES, NUM_CHANNELS
-from .processes import Process, SoakError
 
 QOS = QoSProfile(depth=20_000)
 
@@ -105,7 +106,7 @@ class Robot:
         deadline = time.monotonic() + seconds
         while not condition():
             if time.monotonic() > deadline:
-                raise SoakError(f'waited in vain until {what}; {self.levels} {self.diagnostics}')
+                raise CommandError(f'waited in vain until {what}; {self.levels} {self.diagnostics}')
             self.executor.spin_once(0.05)
 
     def rest(self, seconds: float) -> None:
@@ -210,7 +211,7 @@ class Robot:
         for episode, numbers in zip(saved.episodes, found, strict=True):
             whole = list(range(numbers[0], numbers[0] + LENGTH))
             if numbers != whole or numbers[0] % LENGTH or numbers != episode.states[:, 0].tolist():
-                raise SoakError(f'an episode that was never sent is in the buffer: {numbers}')
+                raise CommandError(f'an episode that was never sent is in the buffer: {numbers}')
         return found
 
 

@@ -22,11 +22,13 @@ from tqdm import tqdm
 
 from cmifs_ros.sim import SCENARIOS
 from cmifs_ros.sim.grid_world import MAX_EPISODE_STEPS, NUM_CHANNELS
-from cmifs_ros.tools.arguments import names_among, number_from, numbers_from
+from cmifs_ros.tools.arguments import number_from, numbers_from
 from cmifs_ros.tools.program import exit_code
-from studies.methods import METHODS, mean_and_error, rank_sum, what_is_missing
-from studies.tables import markdown_table
-from studies.tasks import TASKS
+from studies.methods.registry import METHODS, what_is_missing
+from studies.tasks.registry import TASKS
+from studies.trials.arguments import add_names, study_parser
+from studies.trials.statistics import mean_and_error, rank_sum
+from studies.trials.tables import markdown_table
 
 from .measurement import Job, Measurement, job_of, measure
 
@@ -102,7 +104,7 @@ def run_trials(options: argparse.Namespace, rows: Iterable[Row]) -> None:
     """Measure each row once a trial, in turns."""
     present = [row for row in rows if row.cores]
     with tqdm(total=options.trials * len(present), file=sys.stderr, disable=None) as bar:
-        for seed in range(options.seed, options.seed + options.trials):
+        for seed in range(options.first_seed, options.first_seed + options.trials):
             for row in present:
                 job = row_job(options, row.method, row.cores)._replace(seed=seed)
                 row.measurements.append(measure(job))
@@ -191,7 +193,7 @@ def run(options: argparse.Namespace) -> None:
     entries = summary(options, rows)
     data = {
         name: getattr(options, name)
-        for name in ('scenario', 'episodes', 'steps', 'channels', 'top', 'seed', 'trials')
+        for name in ('scenario', 'episodes', 'steps', 'channels', 'top', 'first_seed', 'trials')
     }
     if options.json:
         print(json.dumps({**machine(), 'data': data, 'rows': entries}, indent=2))
@@ -204,9 +206,7 @@ def run(options: argparse.Namespace) -> None:
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:
     """Return the options; a bad one ends the program with a sentence."""
-    parser = argparse.ArgumentParser(
-        prog='benchmark', description=' '.join(__doc__.split()), allow_abbrev=False
-    )
+    parser = study_parser('benchmark', __doc__, trials=5, first_seed=0, has_jobs=False)
     parser.add_argument('--scenario', choices=SCENARIOS, default='with_gravel')
     parser.add_argument('--episodes', type=number_from(2), default=100, help='default 100')
     parser.add_argument(
@@ -224,17 +224,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument(
         '--top', type=number_from(1), help='rank only so many channels (default: all)'
     )
-    parser.add_argument(
-        '--seed', type=number_from(0), default=0, help='trial i has the seed SEED + i (default 0)'
-    )
-    parser.add_argument('--trials', type=number_from(1), default=5, help='default 5')
-    parser.add_argument(
-        '--methods',
-        type=names_among(TABLE),
-        default=','.join(method for method in TABLE if method != 'paper'),
-        metavar='NAME,...',
-        help=f'some of {",".join(TABLE)} (default: all but paper)',
-    )
+    add_names(parser, '--methods', TABLE, [method for method in TABLE if method != 'paper'])
     parser.add_argument(
         '--jobs',
         type=numbers_from(1),

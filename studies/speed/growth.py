@@ -21,8 +21,9 @@ from cmifs_ros.sim import SCENARIOS
 from cmifs_ros.sim.grid_world import MAX_EPISODE_STEPS, NUM_CHANNELS
 from cmifs_ros.tools.arguments import folder_to_write, names_among, number_from, numbers_from
 from cmifs_ros.tools.program import exit_code
-from studies.methods import METHODS
-from studies.tables import markdown_table
+from studies.methods.registry import METHODS
+from studies.trials.arguments import study_parser
+from studies.trials.tables import markdown_table
 
 from .benchmark import machine
 from .measurement import job_of, measure
@@ -49,7 +50,7 @@ def measure_growth(options: argparse.Namespace, dimension: str) -> list[Point]:
     sizes = options.sizes or SIZES[dimension]
     measurements = {size: [] for size in sizes}
     # All sizes once, then all again: what else the machine does meets each of them.
-    seeds = range(options.seed, options.seed + options.trials)
+    seeds = range(options.first_seed, options.first_seed + options.trials)
     jobs = [
         (size, base._replace(**{dimension: size}, seed=seed)) for seed in seeds for size in sizes
     ]
@@ -122,9 +123,7 @@ def run(options: argparse.Namespace) -> None:
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:
     """Return the options; a bad one ends the program with a sentence."""
-    parser = argparse.ArgumentParser(
-        prog='benchmark_growth', description=' '.join(__doc__.split()), allow_abbrev=False
-    )
+    parser = study_parser('benchmark_growth', __doc__, trials=3, first_seed=0, has_jobs=False)
     parser.add_argument(
         'dimensions',
         nargs='?',
@@ -150,8 +149,6 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
         default=joblib.cpu_count(),
         help='threads of ours (default: one a core)',
     )
-    parser.add_argument('--seed', type=number_from(0), default=0, help='default 0')
-    parser.add_argument('--trials', type=number_from(1), default=3, help='default 3')
     parser.add_argument(
         '--out',
         type=folder_to_write,

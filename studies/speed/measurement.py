@@ -17,9 +17,9 @@ import time
 from pathlib import Path
 from typing import NamedTuple
 
-from cmifs_ros.tools.program import StudyError
-from studies.methods import rank
-from studies.tasks import TASKS, rollout_scaled
+from cmifs_ros.tools.program import CommandError
+from studies.methods.registry import rank
+from studies.tasks.registry import TASKS, rollout_scaled
 
 THREAD_VARIABLES = ('OPENBLAS_NUM_THREADS', 'OMP_NUM_THREADS', 'MKL_NUM_THREADS')
 
@@ -63,7 +63,7 @@ def job_of(options: argparse.Namespace, method: str, cores: int, blas_threads: i
         episodes=options.episodes,
         steps=options.steps,
         channels=options.channels,
-        seed=options.seed,
+        seed=options.first_seed,
         top=options.top,
     )
 
@@ -82,7 +82,7 @@ def measure(job: Job) -> Measurement:
 
     Raises
     ------
-    StudyError
+    CommandError
         If it dies, for want of memory for example.
 
     """
@@ -95,7 +95,7 @@ def measure(job: Job) -> Measurement:
         start_new_session=True,  # A terminal's Ctrl-C is for the command, which then ends it.
     )
     if process.returncode != 0:
-        raise StudyError(f'the process that measured {job} ended with {process.returncode}')
+        raise CommandError(f'the process that measured {job} ended with {process.returncode}')
     return Measurement(*json.loads(process.stdout))
 
 

@@ -1,72 +1,65 @@
 """A selection in words."""
 
-import dataclasses
+from dataclasses import replace
+
+from selections import selection, sensor
 
 from cmifs_ros.collect.selection_report import (
     evidence,
     headline,
     is_news,
     is_tentative,
-    reply_of,
-    stand_ins,
+    redundancies,
 )
-from cmifs_ros.core.selection import Selection
 
-PLAIN = Selection((1,), ('b',), ('b', 'a'), (0.5, 0.4), 25, 60, 1.25, (0.0, 1.0), (1.0, 1.0))
-CONFIRMED = dataclasses.replace(PLAIN, statuses=('confirmed', 'rejected'), pvalues=(0.01, 0.8))
-TENTATIVE = dataclasses.replace(
-    PLAIN, indices=(), names=(), statuses=('tentative', 'rejected'), pvalues=(0.2, 1.0)
-)
+PLAIN = selection(sensor('b', 0.5, is_selected=True), sensor('a', 0.4))
+SURE = sensor('b', is_selected=True, pvalue=0.01, status='confirmed')
+REJECTED = sensor('a', pvalue=1.0, status='rejected')
+CONFIRMED = selection(SURE, REJECTED)
+TENTATIVE = selection(REJECTED, sensor('c', pvalue=0.4), sensor('b', pvalue=0.2))
+NOTHING = selection(REJECTED, replace(REJECTED, name='c'))
 
 
 def test_the_headline_says_what_is_sure_and_what_is_not():
     assert headline(PLAIN) == 'selected b'
     assert headline(CONFIRMED) == 'selected b'
-    assert headline(TENTATIVE) == ('nothing confirmed yet; 25 episodes, best so far b, p = 0.2')
-    nothing = dataclasses.replace(TENTATIVE, statuses=('rejected',) * 2, pvalues=(1.0, 1.0))
-    assert headline(nothing) == (
-        'no evidence that any sensor tells about the return; 25 episodes, and more may show it if '
-        'the reward is what the task pays'
+    assert headline(TENTATIVE) == 'nothing confirmed yet; 25 episodes, best so far b, p = 0.2'
+    assert headline(NOTHING) == (
+        'no evidence that any sensor is informative about the return; 25 episodes, and more may '
+        'show it if the reward is that of the task'
     )
-    assert [is_tentative(s) for s in (PLAIN, CONFIRMED, TENTATIVE, nothing)] == [
+    constant = selection(replace(REJECTED, is_constant=True))
+    assert headline(constant) == 'no sensor changed in 25 episodes: nothing can be selected'
+    assert [is_tentative(s) for s in (PLAIN, CONFIRMED, TENTATIVE, NOTHING)] == [
         False, False, True, False,
     ]  # fmt: skip
 
 
 def test_the_evidence_is_p_values_where_there_are_some_and_else_scores():
     assert evidence(PLAIN) == 'b (0.500), a (0.400); 25 episodes, 60 steps, 1.2 s'
-    nothing = dataclasses.replace(CONFIRMED, statuses=('rejected',) * 2)
-    assert evidence(nothing) == 'rejected b, a; 25 episodes, 60 steps, 1.2 s'
+    assert evidence(NOTHING) == 'rejected a, c; 25 episodes, 60 steps, 1.2 s'
     assert evidence(CONFIRMED) == 'b (p 0.01); rejected a; 25 episodes, 60 steps, 1.2 s'
 
 
-def test_what_stands_in_for_what_is_told():
-    three = dataclasses.replace(
-        PLAIN,
-        ranking=('b', 'a', 'c', 'd'),
-        statuses=('confirmed', 'confirmed', 'rejected', 'rejected'),
-        pvalues=(0.01, 0.02, 1.0, 1.0),
-        stands_in_for=((), (), ('b', 'a'), ('b',)),
+def test_redundant_sensors_are_named():
+    four = selection(
+        SURE,
+        sensor('a', is_selected=True, pvalue=0.02, status='confirmed'),
+        replace(REJECTED, name='c', redundant_with=('b', 'a')),
+        replace(REJECTED, name='d', redundant_with=('b',)),
     )
-    assert stand_ins(three) == 'c for b and a, d for b'
-    assert '; rejected c, d; stand-ins: c for b and a, d for b; 25 episodes' in evidence(three)
-    assert stand_ins(PLAIN) == ''
+    assert redundancies(four) == 'c with b and a, d with b'
+    assert '; rejected c, d; redundant: c with b and a, d with b; 25 episodes' in evidence(four)
+    assert redundancies(PLAIN) == ''
 
 
 def test_a_long_name_does_not_hide_its_evidence():
-    long = dataclasses.replace(CONFIRMED, names=('n' * 40,), ranking=('n' * 40, 'a'))
+    long = selection(replace(SURE, name='n' * 40), REJECTED)
     assert evidence(long).startswith(f'{"n" * 30}.. (p 0.01); ')
-
-
-def test_the_reply_has_no_empty_evidence_and_nothing_of_the_data():
-    assert set(reply_of(PLAIN)) == {
-        'indices', 'names', 'ranking', 'scores', 'episodes', 'steps', 'seconds', 'outdated',
-    }  # fmt: skip
-    assert reply_of(CONFIRMED)['pvalues'] == (0.01, 0.8)
 
 
 def test_news_is_another_set_or_another_certainty():
     assert is_news(PLAIN, None)
-    assert not is_news(dataclasses.replace(PLAIN, scores=(0.6, 0.5)), PLAIN)
+    assert not is_news(selection(replace(SURE, score=0.6), REJECTED), PLAIN)
     assert is_news(TENTATIVE, CONFIRMED)
-    assert is_news(dataclasses.replace(PLAIN, names=('a',)), PLAIN)
+    assert is_news(selection(sensor('a', is_selected=True)), PLAIN)

@@ -6,7 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import special, stats
 
-from cmifs_ros.core.evidence import ConditionalTest, _pearson3_sf, combined_pvalue
+from cmifs_ros.core.chance import combined_pvalue, pearson3_tail
+from cmifs_ros.core.evidence import ConditionalTest
 from cmifs_ros.core.samples import Samples
 
 NUM_EPISODES, NUM_STEPS, GAMMA = 40, 12, 0.9
@@ -211,4 +212,4 @@ def test_combined_pvalues_of_chance_are_those_of_chance():
 @pytest.mark.parametrize('skewness', [-0.4, 0.0, 0.3, 1.5, 2.5])
 @pytest.mark.parametrize('value', [-2.0, 0.1, 3.0, 12.0])
 def test_the_tail_is_that_of_scipy(value, skewness):
-    assert _pearson3_sf(value, skewness) == pytest.approx(stats.pearson3.sf(value, skewness))
+    assert pearson3_tail(value, skewness) == pytest.approx(stats.pearson3.sf(value, skewness))

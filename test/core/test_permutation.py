@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from cmifs_ros.core import ConditionalMISelector, Episode
+from cmifs_ros.core import ConditionalMISelector, Episode, permutation_test
 from cmifs_ros.core.shadows import exchange
 
 
@@ -60,9 +60,11 @@ def test_all_exchanges_are_equally_likely():
 def test_the_pvalue_is_uniform_where_the_return_depends_on_nothing():
     # Each of 1/10 to 10/10 is equally likely, though neighbouring steps are much alike.
     pvalues = [
-        ConditionalMISelector(random_state=seed)
-        .permutation_test(independent(seed, 16, steps=2), n_permutations=9)
-        .pvalue
+        permutation_test(
+            ConditionalMISelector(random_state=seed),
+            independent(seed, 16, steps=2),
+            n_permutations=9,
+        ).pvalue
         for seed in range(200)
     ]
     counts = np.bincount(np.rint(np.array(pvalues) * 10).astype(int), minlength=11)
@@ -73,7 +75,7 @@ def test_the_pvalue_is_uniform_where_the_return_depends_on_nothing():
 @pytest.mark.parametrize('lengths', [[4] * 40, [1, 2, 3, 4, 5] * 10])
 def test_the_pvalue_is_least_where_the_return_depends_on_a_sensor(lengths):
     selector = ConditionalMISelector(gamma=1e-6)
-    result = selector.permutation_test(dependent(0, lengths), n_permutations=19)
+    result = permutation_test(selector, dependent(0, lengths), n_permutations=19)
     assert result.pvalue == 1 / 20
     assert len(result.null_distribution) == 19
     assert result.statistic > result.null_distribution.max()
@@ -81,13 +83,13 @@ def test_the_pvalue_is_least_where_the_return_depends_on_a_sensor(lengths):
 
 def test_a_test_repeats_and_leaves_the_selector_alone():
     selector = ConditionalMISelector(random_state=4)
-    first, second = (selector.permutation_test(independent(1), n_permutations=5) for _ in range(2))
+    first, second = (permutation_test(selector, independent(1), n_permutations=5) for _ in range(2))
     np.testing.assert_array_equal(first.null_distribution, second.null_distribution)
     assert first.pvalue == second.pvalue
     with pytest.raises(RuntimeError, match='call fit'):
         selector.get_support()
     with pytest.raises(ValueError, match='n_permutations is 0; expected at least 1'):
-        selector.permutation_test(independent(1), n_permutations=0)
+        permutation_test(selector, independent(1), n_permutations=0)
 
 
 def test_from_independent_data_nothing_is_selected():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from cmifs_ros.core import ConditionalMISelector
-from studies.synthetic import WORLDS, rollout_synthetic
+from studies.tasks.synthetic import WORLDS, rollout_synthetic
 
 SEEDS = range(3)
 
@@ -87,19 +87,19 @@ def test_scores_of_what_tells_nothing_lie_below_those_of_what_is_confirmed():
 
 def test_the_channel_that_speaks_for_a_group_is_named():
     selector = fitted('one_of_twelve', 60, 0)
-    spoke = dict(zip(ranked(selector), selector.spoke_by_, strict=True))
-    assert spoke['scan'] == (0,)
+    supporting = dict(zip(ranked(selector), selector.supporting_channels_, strict=True))
+    assert supporting['scan'] == (0,)
 
 
-def test_a_copy_stands_in_for_what_it_copies():
+def test_a_copy_is_redundant_with_what_it_copies():
     rightly = 0
     for seed in range(5):
         selector = fitted('copy', 60, seed)
-        stands_in_for = dict(zip(ranked(selector), selector.stands_in_for_, strict=True))
+        redundant_with = dict(zip(ranked(selector), selector.redundant_with_, strict=True))
         taken, left = ('x', 'copy') if 'x' in selected(selector) else ('copy', 'x')
         place = selector.sensor_names_.index(taken)
-        assert stands_in_for.pop(left) == (place,)
-        rightly += not any(stands_in_for.values())
+        assert redundant_with.pop(left) == (place,)
+        rightly += not any(redundant_with.values())
     assert rightly >= 4
 
 
@@ -117,8 +117,8 @@ def test_further_channels_of_a_group_speak_where_they_tell_something():
             (states, rewards), names=names
         )
         assert ranked(selector)[0] == 'scan'
-        assert {2, 6} <= set(selector.spoke_by_[0])
-        joined.append(len(selector.spoke_by_[0]))
+        assert {2, 6} <= set(selector.supporting_channels_[0])
+        joined.append(len(selector.supporting_channels_[0]))
     assert sorted(joined)[:4] == [2] * 4
 
 

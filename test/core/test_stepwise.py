@@ -47,6 +47,6 @@ def test_the_best_scored_is_first_of_those_with_evidence_as_strong():
     single, scores = [(0,), (1,), (2,), (3,)], {0: 0.1, 1: 0.2, 2: 0.3, 3: 0.9}
     strong = {0: 1e-9, 1: 1e-4}
     order = [sensor for sensor, _ in found(single, strong | {2: 0.01}, scores=scores)]
-    assert order == [1, 0, 2]  # 2 scores better, but may only stand in for them; 3 has no evidence
+    assert order == [1, 0, 2]  # 2 scores better but may be redundant; 3 has no evidence
     order = [sensor for sensor, _ in found(single, strong | {2: 1e-5}, scores=scores)]
     assert order == [2, 1, 0]

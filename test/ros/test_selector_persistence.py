@@ -97,6 +97,7 @@ def test_a_killed_selector_comes_back_with_its_episodes_and_its_selection(start_
     robot.until(lambda: saved_numbers(path) == list(range(27)))
     again = json.loads(robot.call(robot.select_client).message)
     assert (again['names'], again['episodes']) == (['c'], 27)
+    assert again['number'] == first['number'] + 1
     assert 'brings back 25 episodes, and the selection of c' in node.output
     # The save of that selection may still be under way.
     robot.until(lambda: sorted(os.listdir(path.parent)) == ['episodes', 'episodes.lock'])
@@ -154,7 +155,7 @@ def test_of_more_than_there_is_room_for_the_newest_come_back(start_selector, pat
     ('damage', 'message'),
     [  # What else there is, test_episode_file.py knows.
         (lambda whole: whole[:-40], 'is truncated: it has '),
-        (lambda whole: whole.replace(b'episodes 3', b'episodes 1'), 'is of format version 1'),
+        (lambda whole: whole.replace(b'episodes 4', b'episodes 1'), 'is of format version 1'),
     ],
 )
 def test_a_file_that_cannot_be_used_is_kept_aside_and_the_node_starts_empty(

@@ -13,12 +13,12 @@ from cmifs_ros.sim import rollout_chain
 from studies.accuracy import changing_task
 from studies.accuracy import oracle as accuracy_oracle
 from studies.accuracy.rank_sums import main
-from studies.distractors import distractor_names, with_distractors
-from studies.environments import rollout_environment
-from studies.methods import rank
-from studies.paper.direct_port import conditional_mi
-from studies.peers import information_by_channel
-from studies.tasks import TASKS, what_is_missing
+from studies.methods.direct_port import conditional_mi
+from studies.methods.peers import information_by_channel
+from studies.methods.registry import rank
+from studies.tasks.distractors import distractor_names, with_distractors
+from studies.tasks.environments import rollout_environment
+from studies.tasks.registry import TASKS, what_is_missing
 
 TINY = ('--trials', '2', '--episodes', '12', '--first-seed', '7')
 

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from selections import selection, sensor
 
 from cmifs_ros.core import Episode
-from cmifs_ros.core.selection import Selection
 from cmifs_ros.tools.html_report import write_report
 
 NAMES = ('x', 'y', 'battery', 'noise')
@@ -20,22 +20,14 @@ def make_episodes(count=12, num_channels=4):
     return [Episode(rng.normal(size=(5, num_channels)), rng.normal(size=5)) for _ in range(count)]
 
 
-SELECTION = Selection(
-    indices=(0, 1),
-    names=('x', 'y'),
-    ranking=('x', 'y', 'battery'),
-    scores=(0.25, 0.375, 0.36),
-    episodes=12,
-    steps=60,
-    seconds=1.5,
-    statuses=('confirmed', 'tentative', 'rejected'),
-    pvalues=(0.0012, 0.2, 0.9),
-    null_scores=((-0.01, 0.0, 0.02), (0.24, 0.25, 0.27), (0.35, 0.36, 0.37)),
-    spoke_by=(('x',), ('y',), ('battery',)),
-    stability=(1.0, 0.75, 0.125),
+X = sensor('x', 0.25, is_selected=True, pvalue=0.0012, status='confirmed', stability=1.0)
+Y = sensor('y', 0.375, is_selected=True, pvalue=0.2, stability=0.75)
+BATTERY = sensor(
+    'battery', 0.36, pvalue=0.9, status='rejected', null_band=(0.35, 0.36, 0.37), stability=0.125
 )
+SELECTION = selection(X, Y, BATTERY)
 #: As a method without evidence gives it.
-BARE = replace(SELECTION, statuses=(), pvalues=(), null_scores=(), spoke_by=(), stability=())
+BARE = selection(sensor('x', is_selected=True), sensor('y', is_selected=True), sensor('battery'))
 
 
 class Page(HTMLParser):
@@ -72,33 +64,33 @@ def test_the_page_shows_the_evidence_of_each_sensor_and_what_was_dropped(tmp_pat
     assert path == tmp_path / 'new' / 'index.html'
     rows = [re.sub(r'<[^>]*>', '|', row) for row in re.findall(r'<tr>.*?</tr>', page.source)]
     (row,) = [row for row in rows if '|battery|' in row and '|3|' in row]
-    for cell in ('0.360', '0.350, 0.360, 0.370', '0.9', 'rejected', '12%'):
+    for cell in ('0.360', '0.350 to 0.370', '0.9', 'rejected', '12%'):
         assert f'|{cell}|' in row, (cell, row)
     assert any('|late|' in row and '|7|' in row for row in rows)
     assert not any('|lost|' in row for row in rows)
-    assert 'by its channels' not in page.source
+    assert 'supporting channels' not in page.source
     assert len(page.pictures) == 3
     assert all(data.startswith(b'\x89PNG') for data in page.pictures)
 
 
 def test_sensors_that_never_changed_stand_below_the_table(tmp_path):
-    still = replace(SELECTION, spoke_by=(*SELECTION.spoke_by[:2], ()))
+    still = selection(X, Y, replace(BATTERY, is_constant=True, supporting_channels=()))
     page = Page(write_report(tmp_path, still, make_episodes(), NAMES, {}))
     assert '<td class="name">battery</td>' not in page.source
-    assert '<p>Never changed, and so tell nothing: battery</p>' in page.source
+    assert '<p>Never changed, and so uninformative: battery</p>' in page.source
 
 
 def test_channels_are_named_where_they_are_not_the_sensor_itself(tmp_path):
-    grouped = replace(SELECTION, spoke_by=(('x',), ('y.sin', 'y.cos'), ('battery',)))
+    grouped = selection(X, replace(Y, supporting_channels=('y.sin', 'y.cos')), BATTERY)
     page = Page(write_report(tmp_path, grouped, make_episodes(), NAMES, {}))
     cells = re.findall(r'<td class="name">([^<]*)</td></tr>', page.source)
     assert cells == ['', 'y.sin, y.cos', '']
 
 
-def test_what_a_sensor_stands_in_for_is_named(tmp_path):
-    replaced = replace(SELECTION, stands_in_for=((), (), ('x', 'y')))
+def test_the_page_names_what_a_sensor_is_redundant_with(tmp_path):
+    replaced = selection(X, Y, replace(BATTERY, redundant_with=('x', 'y')))
     page = Page(write_report(tmp_path, replaced, make_episodes(), NAMES, {}))
-    assert '<th>stands in for</th>' in page.source
+    assert '<th>redundant with</th>' in page.source
     assert re.findall(r'<td class="name">([^<]*)</td></tr>', page.source) == ['', '', 'x, y']
 
 
@@ -117,16 +109,16 @@ def test_evidence_that_is_not_there_is_not_shown(tmp_path):
 
 
 def test_nothing_selected_is_said(tmp_path):
-    nothing = replace(BARE, indices=(), names=())
+    nothing = selection(sensor('x'), sensor('y'))
     page = Page(write_report(tmp_path, nothing, make_episodes(), NAMES, {}))
-    assert 'no evidence that any sensor tells about the return' in page.source
+    assert 'no evidence that any sensor is informative about the return' in page.source
 
 
 @settings(max_examples=8)
 @given(st.text(min_size=1, max_size=40), st.text(max_size=40))
 def test_a_name_is_text_whatever_it_holds(tmp_path_factory, name, cause):
     name, cause = f'<b onload=x>&"{name}$', f'<script>{cause}'
-    named = replace(SELECTION, names=(name, 'y'), ranking=(name, 'y', 'battery'))
+    named = selection(replace(X, name=name, channels=(name,)), Y, BATTERY)
     folder = tmp_path_factory.mktemp('report')
     page = Page(write_report(folder, named, make_episodes(), (name, *NAMES[1:]), {cause: 1}))
     assert not {'b', 'script'} & set(page.tags)
@@ -139,9 +131,8 @@ def test_a_constant_channel_and_many_channels_are_shown_without_a_warning(tmp_pa
     states = rng.normal(size=(6, 100))
     states[:, 3] = 1.0
     names = [f'c{i}' for i in range(100)]
-    many = replace(
-        BARE, ranking=tuple(names), scores=(0.1,) * 100, indices=(0, 3), names=('c0', 'c3')
-    )
+    many = selection(*(sensor(name, is_selected=name in ('c0', 'c3')) for name in names))
+    many = replace(many, indices=(0, 3))
     page = Page(write_report(tmp_path, many, [Episode(states, np.ones(6))], names, {}))
     assert len(page.pictures) == 3
     assert [str(w.message) for w in recwarn] == []

@@ -1,64 +1,54 @@
 from dataclasses import replace
 
 import pytest
+from selections import selection, sensor
 
-from cmifs_ros.core.selection import Selection
 from cmifs_ros.tools.ranking import draw_ranking, ranking_text
 
-BARE = Selection((0,), ('x',), ('x', 'scan', 'still'), (0.25, 0.5, -0.1), 12, 60, 1.5)
-FULL = replace(
-    BARE,
-    statuses=('confirmed', 'tentative', 'rejected'),
-    pvalues=(0.0012, 0.2, 1.0),
-    null_scores=((-0.01, 0.0, 0.02), (0.24, 0.25, 0.27), (0.35, 0.36, 0.37)),
-    spoke_by=(('x',), ('scan[6]', 'scan[7]', 'scan[8]', 'scan[9]'), ('still',)),
-)
+BARE = selection(
+    sensor('x', 0.25, is_selected=True), sensor('scan', 0.5, is_selected=True),
+    sensor('still', -0.1, is_selected=True),
+)  # fmt: skip
+RAYS = tuple(f'scan[{i}]' for i in range(6, 10))
+X = sensor('x', 0.25, is_selected=True, pvalue=0.0012, status='confirmed')
+SCAN = sensor('scan', pvalue=0.2, null_band=(0.24, 0.25, 0.27), supporting_channels=RAYS)
+STILL = sensor('still', -0.1, pvalue=1.0, status='rejected', null_band=(0.35, 0.36, 0.37))
+FULL = selection(X, SCAN, STILL)
+NOTHING = selection(replace(X, is_selected=False), SCAN, STILL)
 
 
 def test_the_table_has_the_evidence_where_there_is_some():
-    assert [line.split() for line in ranking_text(BARE).splitlines()] == [
-        ['rank', 'sensor', 'score'],
-        ['1', 'x', '0.250'],
-        ['2', 'scan', '0.500'],
-        ['3', 'still', '-0.100'],
+    assert ranking_text(BARE).splitlines() == [
+        'rank  sensor   score',
+        '   1  x        0.250',
+        '   2  scan     0.500',
+        '   3  still   -0.100',
     ]
-    assert [line.split() for line in ranking_text(FULL).splitlines()[1:]] == [
-        ['1', 'x', '0.250', '-0.010', 'to', '0.020', '0.0012', 'confirmed'],
-        [
-            '2',
-            'scan',
-            '0.500',
-            '0.240',
-            'to',
-            '0.270',
-            '0.2',
-            'tentative',
-            'scan[6],',
-            'scan[7]',
-            'and',
-            '2',
-            'more',
-        ],
-        ['3', 'still', '-0.100', '0.350', 'to', '0.370', '1', 'rejected'],
+    assert ranking_text(FULL).splitlines() == [
+        'rank  sensor   score        null band       p  status     supporting channels',
+        '   1  x        0.250  -0.010 to 0.020  0.0012  confirmed',
+        '   2  scan     0.500   0.240 to 0.270     0.2  tentative  scan[6], scan[7] and 2 more',
+        '   3  still   -0.100   0.350 to 0.370       1  rejected',
     ]
 
 
-def test_the_table_says_what_stands_in_for_what():
-    head, *lines = ranking_text(replace(FULL, stands_in_for=((), ('x',), ()))).splitlines()
-    assert head.endswith('stands in for')
+def test_the_table_names_redundant_sensors():
+    redundant = selection(X, replace(SCAN, redundant_with=('x',)), STILL)
+    head, *lines = ranking_text(redundant).splitlines()
+    assert head.endswith('redundant with')
     assert [line.endswith(' x') for line in lines] == [False, True, False]
 
 
 def test_sensors_that_never_changed_stand_below_the_table_and_in_no_picture():
-    still = replace(FULL, spoke_by=(*FULL.spoke_by[:2], ()))
-    assert still.num_live == 2
+    constant = replace(STILL, is_constant=True, null_band=None, supporting_channels=())
+    still = selection(X, SCAN, constant)
     *_, last, below = ranking_text(still).splitlines()
     assert 'scan' in last
     assert below == 'never changed: still'
     axes = draw_ranking(still).figure.axes
     assert [label.get_text() for label in axes[-1].get_xticklabels()] == ['x', 'scan']
-    nothing = replace(still, spoke_by=((),) * 3)
-    assert ranking_text(nothing).splitlines()[1:] == ['never changed: x, scan, still']
+    nothing = selection(constant, replace(constant, name='off'))
+    assert ranking_text(nothing).splitlines()[1:] == ['never changed: still, off']
     draw_ranking(nothing)
 
 
@@ -67,14 +57,15 @@ def dots_of(axes):
     return sorted((x, y) for line in lines for x, y in line.get_xydata().tolist())
 
 
-@pytest.mark.parametrize('selection', [BARE, FULL, replace(FULL, indices=(), names=())])
-def test_the_picture_shows_band_scores_and_statuses(selection):
-    figure = draw_ranking(selection)
+@pytest.mark.parametrize('found', [BARE, FULL, NOTHING])
+def test_the_picture_shows_band_scores_and_statuses(found):
+    figure = draw_ranking(found)
     axes = figure.axes[0]
     shown = {text.get_text() for text in axes.get_legend().get_texts()}
-    assert set(selection.statuses) <= shown
-    assert ('its median' in shown) == bool(selection.null_scores)
-    expected = [selection.scores, *([selection.pvalues] if selection.pvalues else [])]
+    assert {sensor.status for sensor in found.sensors} - {None} <= shown
+    pvalues = [sensor.pvalue for sensor in found.sensors]
+    assert ('its median' in shown) == (pvalues[0] is not None)
+    expected = [found.scores, *([pvalues] if pvalues[0] is not None else [])]
     assert [dots_of(part) for part in figure.axes] == [list(enumerate(v)) for v in expected]
 
 
@@ -83,5 +74,5 @@ def test_the_picture_parts_the_selected_from_those_that_are_scored_beside_them()
     assert {text.get_text() for text in axes.texts} == {
         'selected: each with those before it', 'others: each with the selected alone',
     }  # fmt: skip
-    for whole in (BARE, replace(FULL, indices=(), names=())):
+    for whole in (BARE, NOTHING):
         assert not draw_ranking(whole).figure.axes[0].texts

@@ -88,9 +88,9 @@ def test_several_bags_are_pooled_and_everything_is_written(tmp_path, robot, caps
     assert main([*bags, '--robot', robot, *options]) == 0
     printed = capsys.readouterr().out
     assert '270 messages, 15 whole episodes' in printed
-    assert 'tells nothing' in printed
+    assert 'null band' in printed
     selection = json.loads((out / 'selection.json').read_text())
-    assert (selection['ranking'][0], selection['statuses'][0]) == ('x', 'confirmed')
+    assert (selection['ranking'][0], selection['sensors'][0]['status']) == ('x', 'confirmed')
     assert 'still' not in selection['names']
     assert selection['episodes'] == 30
     assert (out / 'selection.png').read_bytes().startswith(b'\x89PNG')

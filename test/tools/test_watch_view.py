@@ -1,13 +1,15 @@
 import io
 import re
+from dataclasses import replace
 
 from hypothesis import given
 from hypothesis import strategies as st
 from rich.console import Console
+from selections import selection, sensor
 
-from cmifs_ros.tools.watch_view import Snapshot, Status, by_sensor, view
+from cmifs_ros.tools.watch_view import Snapshot, Status, view
 
-SELECTION = {
+VALUES = {
     'names': 'x, y',
     'age in s': '75',
     'cause': 'timer',
@@ -16,9 +18,10 @@ SELECTION = {
     'worker': 'computing',
     'computing for s': '2.5',
     'progress': '40%',
-    'statuses': 'x confirmed, y tentative, battery rejected',
-    'pvalues': 'x 0.0021, y 0.2, battery 0.9',
 }
+X = sensor('x', 0.25, is_selected=True, pvalue=0.0021, status='confirmed')
+Y = sensor('y', 1.0, is_selected=True, pvalue=0.2)
+BATTERY = sensor('battery', 0.5, pvalue=0.9, status='rejected')
 
 
 def text_of(snapshot, width=80, **options):
@@ -27,15 +30,12 @@ def text_of(snapshot, width=80, **options):
     return console.file.getvalue()
 
 
-def snapshot(level=0, message='selected x, y', values=SELECTION, **other):
-    known = {
-        'ranking': ['x', 'y', 'battery'],
-        'scores': [0.25, 1.0, 0.5],
-        'statuses': {
-            'input': Status(0, 'collecting', {'episodes': '120', 'messages dropped: late': '3'}),
-            'selection': Status(level, message, values),
-        },
+def snapshot(*sensors, level=0, message='selected x, y', values=VALUES, **other):
+    statuses = {
+        'input': Status(0, 'collecting', {'episodes': '120', 'messages dropped: late': '3'}),
+        'selection': Status(level, message, values),
     }
+    known = {'selection': selection(*(sensors or (X, Y, BATTERY))), 'statuses': statuses}
     return Snapshot('robot1/selector', **(known | other))
 
 
@@ -55,21 +55,29 @@ def test_the_view_shows_input_selection_evidence_and_cost_within_80_columns():
     assert rows['battery'][5] == 'rejected'
 
 
-def test_what_could_take_the_place_of_what_is_told():
-    assert 'stand-ins' not in text_of(snapshot())
-    text = text_of(snapshot(values=SELECTION | {'stand-ins': 'battery for x'}))
-    assert 'stand-ins: battery for x' in text
+def test_redundant_sensors_are_named():
+    assert 'redundant' not in text_of(snapshot())
+    text = text_of(snapshot(X, Y, replace(BATTERY, redundant_with=('x',))))
+    assert 'redundant: battery with x' in text
+
+
+def test_a_selection_that_cannot_be_read_is_said_to_be():
+    text = text_of(snapshot(selection=None, unreadable="ValueError('a selection of version 2')"))
+    text = ' '.join(text.split())
+    assert "the topic selection cannot be read: ValueError('a selection of version 2')" in text
 
 
 def test_levels_are_told_by_words_not_by_colour_alone():
     for level, word in enumerate(('ok', 'warn', 'error', 'stale')):
         assert re.search(
-            rf'^selection +{word} something', text_of(snapshot(level, 'something')), re.M
+            rf'^selection +{word} something',
+            text_of(snapshot(level=level, message='something')),
+            re.M,
         )
 
 
 def test_without_evidence_the_ranking_has_no_columns_for_it():
-    text = text_of(snapshot(values={'names': 'x, y'}))
+    text = text_of(snapshot(sensor('x', 0.25, is_selected=True)))
     assert '0.250' in text
     assert 'status' not in text
 
@@ -86,7 +94,9 @@ def test_a_selector_in_another_namespace_is_pointed_at():
 def test_the_sampler_is_shown_with_the_topics_that_are_not_well():
     sampler = {
         'steps': Status(
-            1, 'of the last 9 steps, 9 lack battery: no message; they break episodes', {}
+            1,
+            'of the last 9 steps, 9 lack battery: no message; they break episodes',
+            {'steps': '12', 'steps per s': '4.0'},
         ),
         '/odom': Status(0, 'received', {}),
         '/battery': Status(3, 'nobody publishes it', {}),
@@ -96,6 +106,11 @@ def test_the_sampler_is_shown_with_the_topics_that_are_not_well():
     assert '/battery stale nobody publishes it' in text
     assert '/odom' not in text
     assert 'sampler' not in text_of(snapshot())
+    alone = text_of(Snapshot(sampler=sampler))
+    assert 'no selector heard' in alone
+    assert '9 lack battery' in alone
+    assert '12 steps, 4.0 per s' in alone
+    assert alone.index('/battery stale nobody publishes it') < alone.index('/odom ok received')
     assert re.search(
         r'^sampler +nothing heard for 60 s',
         text_of(snapshot(sampler=sampler, sampler_silence=60.0)), re.M,
@@ -104,23 +119,21 @@ def test_the_sampler_is_shown_with_the_topics_that_are_not_well():
 
 def test_long_names_are_shown_by_both_ends_and_push_no_column_away():
     names = [f'/front_lidar/scan/ranges/of_the_left_side[{i}]' for i in range(12)]
-    values = SELECTION | {
-        'statuses': ', '.join(f'{name} confirmed' for name in names),
-        'pvalues': ', '.join(f'{name} 1.2e-18' for name in names),
-    }
-    text = text_of(snapshot(values=values, ranking=names, scores=[-0.125] * 12))
+    text = text_of(
+        snapshot(*(sensor(n, -0.125, pvalue=1.2e-18, status='confirmed') for n in names))
+    )
     assert max(map(len, text.splitlines())) <= 80
     rows = re.findall(r'^ *\d+ +/front_lid\S+…\S+(\[\d+\]) +-0.125 +1.2e-18 +confirmed', text, re.M)
     assert rows == [f'[{i}]' for i in range(12)]
 
 
 def test_a_long_ranking_is_cut_and_says_so():
-    many = snapshot(ranking=[f's{i}' for i in range(30)], scores=[0.1] * 30)
+    many = snapshot(*(sensor(f's{i}') for i in range(30)))
     assert 'and 25 more' in text_of(many, max_sensors=5)
 
 
 def test_sensors_that_never_changed_have_no_score():
-    text = text_of(snapshot(values=SELECTION | {'sensors that never changed': '1'}))
+    text = text_of(snapshot(X, Y, replace(BATTERY, is_constant=True)))
     assert 'battery' not in text
     assert '1 sensor never changed' in text
 
@@ -131,20 +144,14 @@ def test_sensors_that_never_changed_have_no_score():
     st.text(max_size=100),
 )
 def test_no_name_or_message_breaks_the_view_or_steers_the_terminal(names, scores, message):
-    values = SELECTION | {'names': message, 'age in s': message, 'progress': message}
-    text = text_of(snapshot(1, message, values, ranking=names, scores=scores[: len(names)]))
+    values = VALUES | {'names': message, 'age in s': message, 'progress': message}
+    sensors = [
+        sensor(name, score, pvalue=abs(score), redundant_with=(message,))
+        for name, score in zip(names, scores, strict=False)
+    ]
+    text = text_of(snapshot(*sensors, level=1, message=message, values=values, unreadable=message))
     assert all(c.isprintable() or c == '\n' for c in text)
 
 
 def test_square_brackets_are_shown_and_not_taken_for_style():
-    assert '[red]scan[0]' in text_of(snapshot(ranking=['[red]scan[0]'], scores=[1.0]))
-
-
-names = st.lists(st.text('ab, ', min_size=1, max_size=6), min_size=1, max_size=8, unique=True)
-
-
-@given(names)
-def test_values_by_sensor_are_read_as_they_are_written(ranking):
-    words = [f'v{i}' for i in range(len(ranking))]
-    text = ', '.join(f'{n} {w}' for n, w in zip(ranking, words, strict=True))
-    assert by_sensor(ranking, text) == dict(zip(ranking, words, strict=True))
+    assert '[red]scan[0]' in text_of(snapshot(sensor('[red]scan[0]')))

@@ -1,8 +1,8 @@
 r"""The file that brings the episodes and the last selection back after a restart.
 
-Format, version 3::
+Format, version 4::
 
-    cmifs_ros episodes 3\n
+    cmifs_ros episodes 4\n
     {"channels": [...], "lengths": [...], "selection": {...}, "selected_at": ...}\n
     the episodes, oldest first: states (T, v), then rewards (T,), float64, little-endian
     SHA-256 of all that stands before it (32 bytes)
@@ -12,14 +12,14 @@ A record is T (8 bytes, little-endian), the CRC-32 of these (4 bytes), the episo
 of the record before it (32 bytes). The last one is torn if its writer was killed meanwhile.
 
 The second line is JSON. `lengths` gives the T of each episode before the records; `selection` is
-null or the fields of `Selection`; `selected_at` is in seconds of Unix time. A file of version 2,
-whose selection has no evidence, is read too. Nothing in it can run code, and nothing is allocated
-before its size is known to be within the bounds. Nothing here knows ROS.
+null or what `fields_of` gives, with `means` and `spreads`; `selected_at` is in seconds of Unix
+time. Files of versions 2 and 3 differ by their selection, and are read without it. Nothing in it
+can run code, and nothing is allocated before its size is known to be within the bounds. Nothing
+here knows ROS.
 """
 
 from __future__ import annotations
 
-import dataclasses
 import hashlib
 import itertools
 import json
@@ -34,15 +34,21 @@ from typing import BinaryIO
 
 import numpy as np
 
-from cmifs_ros.collect.selection_fields import count_of, list_of, names_of, selection_of
+from cmifs_ros.collect.selection_fields import (
+    count_of,
+    fields_of,
+    list_of,
+    names_of,
+    selection_of,
+)
 from cmifs_ros.core import Episode
 from cmifs_ros.core.channel_names import MAX_CHANNELS
 from cmifs_ros.core.selection import Selection
 from cmifs_ros.core.words import counted
 
-VERSION = 3
-#: What can be read: version 2 differs by the selection, which has no evidence there.
-_READABLE = (2, VERSION)
+VERSION = 4
+#: What can be read; of the older ones all but the selection.
+_READABLE = (2, 3, VERSION)
 _MAGIC = b'cmifs_ros episodes '
 _MAX_HEADER = 2**25
 _MAX_FILE = 2**35
@@ -199,12 +205,15 @@ def _chunks(saved: Saved) -> Iterator[bytes]:
     To hash and write these leaves the interpreter to other threads, while each small one would
     take it from them.
     """
+    selection = saved.selection
     header = {
         'channels': saved.channel_names or (),
         'lengths': [len(episode) for episode in saved.episodes],
-        'selection': saved.selection and dataclasses.asdict(saved.selection),
+        'selection': selection
+        and fields_of(selection) | {'means': selection.means, 'spreads': selection.spreads},
         'selected_at': saved.selected_at,
     }
+    parts: list[bytes | memoryview]
     parts, size = [_MAGIC + b'%d\n' % VERSION, json.dumps(header).encode(), b'\n'], 0
     for episode in saved.episodes:
         parts += _arrays(episode)
@@ -215,7 +224,7 @@ def _chunks(saved: Saved) -> Iterator[bytes]:
     yield b''.join(parts)
 
 
-def _arrays(episode: Episode) -> list[memoryview]:
+def _arrays(episode: Episode) -> list[bytes | memoryview]:
     return [np.ascontiguousarray(v, _VALUE).data for v in (episode.states, episode.rewards)]
 
 
@@ -241,7 +250,7 @@ def read(path: str | os.PathLike, max_episodes: int, max_bytes: int) -> Saved:
         size = os.fstat(file.fileno()).st_size
         if size > _MAX_FILE:
             raise RefusedFileError(f'has {size} bytes; expected at most {_MAX_FILE}')
-        _check_version(file.readline(len(_MAGIC) + 16))
+        version = _version(file.readline(len(_MAGIC) + 16))
         line = file.readline(_MAX_HEADER + 1)
         if not line.endswith(b'\n'):
             raise RefusedFileError(f'is truncated, or its header has more than {_MAX_HEADER} bytes')
@@ -249,9 +258,11 @@ def read(path: str | os.PathLike, max_episodes: int, max_bytes: int) -> Saved:
             header = json.loads(line)
             channel_names = names_of(header['channels'], MAX_CHANNELS)
             lengths = [count_of(length, 1) for length in list_of(header['lengths'])]
-            selection = selection_of(header['selection'])
-            if selection is not None and not selection.names:
-                raise ValueError('a selection of nothing')
+            selection = None
+            if version == VERSION and header['selection'] is not None:
+                selection = selection_of(header['selection'])
+                if not selection.names:
+                    raise ValueError('a selection of nothing')
             selected_at = float(header['selected_at'])
         except (ValueError, TypeError, KeyError, RecursionError, OverflowError) as error:
             raise RefusedFileError(f'has a header that cannot be used: {error!r}') from None
@@ -263,7 +274,8 @@ def read(path: str | os.PathLike, max_episodes: int, max_bytes: int) -> Saved:
             )
         if lengths and not channel_names:
             raise RefusedFileError(f'has {counted(len(lengths), "episode")} without channels')
-        places = deque(maxlen=max_episodes)  # the first byte and the length of an episode
+        # The first byte and the length of each episode.
+        places: deque[tuple[int, int]] = deque(maxlen=max_episodes)
         begin = file.tell()
         for length in lengths:
             places.append((begin, length))
@@ -299,12 +311,13 @@ def set_aside(path: str | os.PathLike) -> str:
     return aside
 
 
-def _check_version(line: bytes) -> None:
+def _version(line: bytes) -> int:
     if not line.startswith(_MAGIC) or not line.endswith(b'\n'):
         raise RefusedFileError('is no episodes file of cmifs_ros')
     version = line[len(_MAGIC) : -1].decode('ascii', 'replace')
     if version not in map(str, _READABLE):
         raise RefusedFileError(f'is of format version {version}; expected {VERSION}')
+    return int(version)
 
 
 def _check_digest(file: BinaryIO, begin: int, end: int) -> None:

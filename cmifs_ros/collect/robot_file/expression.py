@@ -24,7 +24,7 @@ _BINARY = {
     ast.Div: operator.truediv,
     ast.Pow: operator.pow,
 }
-_UNARY = {
+_UNARY: dict[type, Callable[[float], float]] = {
     ast.UAdd: operator.pos,
     ast.USub: operator.neg,
     ast.Not: lambda value: value if math.isnan(value) else not value,
@@ -37,7 +37,7 @@ _COMPARE = {
     ast.Eq: operator.eq,
     ast.NotEq: operator.ne,
 }
-FUNCTIONS = {
+FUNCTIONS: dict[str, tuple[Callable[..., float], int]] = {
     'abs': (abs, 1),
     'sqrt': (math.sqrt, 1),
     'exp': (math.exp, 1),
@@ -94,8 +94,8 @@ class Expression:
 
 def _check(node: ast.expr, names: set[str]) -> None:  # noqa: PLR0912
     match node:
-        case ast.Constant(value=int() | float()):
-            if abs(node.value) > 1e300:
+        case ast.Constant(value=int() | float() as number):
+            if abs(number) > 1e300:
                 raise ValueError('a number in an expression is beyond 1e300')
         case ast.Name():
             names.add(node.id)
@@ -140,8 +140,8 @@ def _check_power(node: ast.expr) -> None:
 
 def _value(node: ast.expr, values: Mapping, before: Mapping):  # noqa: PLR0911
     match node:
-        case ast.Constant():
-            return float(node.value)
+        case ast.Constant(value=int() | float() as number):
+            return float(number)
         case ast.Name():
             return values[node.id]
         case ast.BinOp():
@@ -167,11 +167,11 @@ def _value(node: ast.expr, values: Mapping, before: Mapping):  # noqa: PLR0911
                 _COMPARE[type(op)](left, right)
                 for op, left, right in zip(node.ops, sides[:-1], sides[1:], strict=True)
             )
-        case ast.Call(func=ast.Name(id='before')):
-            return before[node.args[0].id]
-        case ast.Call():
+        case ast.Call(func=ast.Name(id='before'), args=[ast.Name(id=name)]):
+            return before[name]
+        case ast.Call(func=ast.Name(id=name)):
             arguments = [_value(argument, values, before) for argument in node.args]
-            return _known(FUNCTIONS[node.func.id][0], *arguments)
+            return _known(FUNCTIONS[name][0], *arguments)
 
 
 def _known(function: Callable, *arguments: float) -> float:

@@ -1,4 +1,3 @@
-import dataclasses
 import hashlib
 import json
 import os
@@ -16,20 +15,22 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
+from selections import selection, sensor
 
 from cmifs_ros.collect.episodes import file as episode_file
 from cmifs_ros.collect.episodes.file import RefusedFileError, Saved
 from cmifs_ros.collect.episodes.saver import EpisodeSaver
-from cmifs_ros.collect.selection_fields import EVIDENCE
+from cmifs_ros.collect.selection_fields import fields_of
 from cmifs_ros.core import Episode
-from cmifs_ros.core.selection import Selection
 
 NAMES = ('a', 'b')
-SELECTION = Selection(
-    (1,), ('b',), ('b', 'a'), (0.5, 0.4), 20, 60, 1.25, (0.0, 1.0, 2.0), (1.0, 1.0, 1.0),
-    ('confirmed', 'rejected'), (0.01, 0.8), ((-0.1, 0.0, 0.1), (-0.2, 0.0, 0.2)), (('b',), ('a',)),
-    ((), ('b',)), (1.0, 0.25),
-)  # fmt: skip
+SELECTION = selection(
+    sensor('b', is_selected=True, pvalue=0.01, status='confirmed', stability=1.0),
+    sensor('a', pvalue=0.8, status='rejected', redundant_with=('b',)),
+    means=(0.0, 1.0, 2.0),
+    spreads=(1.0, 1.0, 1.0),
+    number=7,
+)
 ENOUGH = {'max_episodes': 100, 'max_bytes': 10**6}
 
 
@@ -52,7 +53,7 @@ def wait_until(condition, seconds=10.0):
 
 def sealed(text, data=b''):
     """Return a file with the right checksum, whatever it says."""
-    content = b'cmifs_ros episodes 3\n' + text.encode() + b'\n' + data
+    content = b'cmifs_ros episodes 4\n' + text.encode() + b'\n' + data
     return content + hashlib.sha256(content).digest()
 
 
@@ -81,34 +82,17 @@ def test_what_was_written_is_read(tmp_path, data):
     assert os.listdir(tmp_path) == ['episodes']
 
 
-def test_a_file_of_the_version_before_is_read_without_evidence(tmp_path):
-    fields = dataclasses.asdict(SELECTION)
-    for name in EVIDENCE:
-        del fields[name]
-    header = {'channels': NAMES, 'lengths': [], 'selection': fields, 'selected_at': 1.0}
-    content = b'cmifs_ros episodes 2\n' + json.dumps(header).encode() + b'\n'
-    path = tmp_path / 'episodes'
+@pytest.mark.parametrize('version', [2, 3])
+def test_an_older_file_is_read_without_its_selection(tmp_path, version):
+    path, (sent,) = tmp_path / 'episodes', episodes(1)
+    selection = {'indices': [1], 'names': ['b'], 'ranking': ['b', 'a'], 'scores': [0.5, 0.4]}
+    header = {'channels': NAMES, 'lengths': [4], 'selection': selection, 'selected_at': 1.0}
+    content = f'cmifs_ros episodes {version}\n{json.dumps(header)}\n'.encode()
+    content += sent.states.tobytes() + sent.rewards.tobytes()
     path.write_bytes(content + hashlib.sha256(content).digest())
-    found = episode_file.read(path, **ENOUGH).selection
-    assert (found.names, found.statuses, found.pvalues) == (('b',), (), ())
-
-
-@pytest.mark.parametrize(
-    ('field', 'value'),
-    [
-        ('statuses', ['sure', 'rejected']),
-        ('pvalues', [0.1]),
-        ('null_scores', [[1.0], [2.0]]),
-        ('stands_in_for', [[], [7]]),
-    ],
-)
-def test_evidence_that_cannot_be_is_refused(tmp_path, field, value):
-    fields = dataclasses.asdict(SELECTION) | {field: value}
-    header = {'channels': NAMES, 'lengths': [], 'selection': fields, 'selected_at': 1.0}
-    path = tmp_path / 'episodes'
-    path.write_bytes(sealed(json.dumps(header)))
-    with pytest.raises(RefusedFileError, match='header that cannot be used'):
-        episode_file.read(path, **ENOUGH)
+    found = episode_file.read(path, **ENOUGH)
+    assert found.selection is None
+    assert all(map(same, found.episodes, [sent]))
 
 
 def test_nothing_at_all_can_be_saved_too(tmp_path):
@@ -188,8 +172,8 @@ class Bomb:
         (b'', 'is no episodes file'),
         (b'%PDF-1.7 thesis', 'is no episodes file'),
         (pickle.dumps(Bomb()), 'is no episodes file'),
-        (b'cmifs_ros episodes 1\n{}\n', 'is of format version 1; expected 3'),
-        (b'cmifs_ros episodes 4\n', 'is of format version 4; expected 3'),
+        (b'cmifs_ros episodes 1\n{}\n', 'is of format version 1; expected 4'),
+        (b'cmifs_ros episodes 5\n', 'is of format version 5; expected 4'),
         (b'cmifs_ros episodes 2\n{"channels": []', 'is truncated'),
     ],
 )
@@ -220,10 +204,9 @@ HEADER = {'channels': ['a'], 'lengths': [1], 'selection': None, 'selected_at': 0
         {'lengths': [10**400]},
         {'lengths': None},
         {'selection': {}},
-        {'selection': {**vars(SELECTION), 'indices': [10**9]}},
-        {'selection': {**vars(SELECTION), 'names': []}},
-        {'selection': {**vars(SELECTION), 'scores': ['high', 1]}},
-        {'selection': {**vars(SELECTION), 'means': [1.0]}},
+        {'selection': fields_of(SELECTION) | {'indices': [10**9]}},
+        {'selection': fields_of(SELECTION) | {'means': [1.0]}},
+        {'selection': fields_of(selection(sensor('a')))},  # of nothing
         {'selected_at': 'now'},
     ],
 )

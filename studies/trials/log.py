@@ -5,19 +5,16 @@ from __future__ import annotations
 import csv
 from pathlib import Path
 
-from studies.paper.figures import SCENARIOS
+from .trial import Outcome, Trial
 
-from .trials import Outcome, Trial
-
-COLUMNS = ('figure', 'scenario', 'method', 'episodes', 'trial', 'seed', 'ranking', 'seconds')
+COLUMNS = ('scenario', 'method', 'episodes', 'trial', 'seed', 'ranking', 'seconds')
 
 
 class TrialLog:
     """Read the trials that a file holds, and add to it, each at once.
 
-    The column `figure` names all figures of the paper that show the trials of the scenario,
-    `ranking` holds indices from 0; both are separated by blanks. A last line without its end,
-    as a process that was killed leaves it, is dropped.
+    `ranking` holds indices from 0, separated by blanks. A last line without its end, as a process
+    that was killed leaves it, is dropped.
 
     Parameters
     ----------
@@ -53,7 +50,7 @@ class TrialLog:
             raise ValueError(f'{path} begins with {header}; expected the columns {COLUMNS}')
         for number, row in enumerate(rows, start=2):
             try:
-                _, scenario, method, episodes, trial, seed, ranking, seconds = row
+                scenario, method, episodes, trial, seed, ranking, seconds = row
                 key = Trial(scenario, method, int(episodes), int(trial), int(seed))
                 indices = tuple(map(int, ranking.split()))
                 self.outcomes[key] = Outcome(key, indices, float(seconds))
@@ -65,11 +62,8 @@ class TrialLog:
         self.outcomes[outcome.trial] = outcome
         if self._path is None:
             return
-        figures = ' '.join(
-            name for name, task in SCENARIOS.items() if task == outcome.trial.scenario
-        )
         ranking = ' '.join(map(str, outcome.ranking))
-        self._write((figures, *outcome.trial, ranking, f'{outcome.seconds:.3f}'))
+        self._write((*outcome.trial, ranking, f'{outcome.seconds:.3f}'))
 
     def _write(self, row: tuple) -> None:
         with self._path.open('a', newline='') as file:

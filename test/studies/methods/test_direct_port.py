@@ -8,7 +8,7 @@ from cmifs_ros.core import ConditionalMI, Episode, Lsmi
 from cmifs_ros.core.samples import StepSamples, step_samples
 from cmifs_ros.core.search import forward_selection
 from cmifs_ros.sim import rollout, rollout_chain
-from studies.paper.direct_port import (
+from studies.methods.direct_port import (
     REGULARIZATIONS,
     WIDTHS,
     conditional_mi,

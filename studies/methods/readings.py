@@ -1,4 +1,4 @@
-"""What the paper leaves open, read in another way than ours: methods and a world to compare.
+"""What the paper leaves open, read in another way than ours: methods to compare with.
 
 docs/reproduction.md says what each of them changes.
 """
@@ -15,7 +15,6 @@ from cmifs_ros.core import ConditionalMI, Episode, Lsmi
 from cmifs_ros.core.kdr import REGULARIZATION, centred_gram, median_distance
 from cmifs_ros.core.samples import step_samples
 from cmifs_ros.core.search import Criterion, forward_selection
-from cmifs_ros.sim import GridWorld
 
 
 class ProgramLsmi(Lsmi):
@@ -107,15 +106,3 @@ def rank_read(
     criterion = READINGS[name].criterion(episodes, target, seed)
     sensors = [(channel,) for channel in range(episodes[0].num_channels)]
     return forward_selection(criterion, sensors, num_features)
-
-
-class FixedGravelWorld(GridWorld):
-    """The grid world with gravel that lies where it lay in the first episode."""
-
-    _first: np.ndarray | None = None
-
-    def _lay_gravel(self) -> None:
-        super()._lay_gravel()
-        if self._first is None:
-            self._first = self.gravel
-        self.gravel = self._first

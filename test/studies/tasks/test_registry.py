@@ -2,8 +2,9 @@ import numpy as np
 import pytest
 
 from cmifs_ros.core import Episode
-from studies.methods import METHODS, rank, what_is_missing
-from studies.tasks import TASKS
+from studies.methods.registry import METHODS, rank, what_is_missing
+from studies.tasks.fixed_gravel import FixedGravelWorld
+from studies.tasks.registry import TASKS
 
 
 def samples(name, num_episodes, seed=1):
@@ -109,3 +110,13 @@ def test_every_method_ranks_sensors(method):
     assert rank(
         method, episodes, target=(3,), seed=0, sensors=sensors, num_features=2
     ).channels == ranking.channels[:2]  # fmt: skip
+
+
+def test_fixed_gravel_lies_where_it_lay_in_the_first_episode():
+    world = FixedGravelWorld('with_gravel', seed=0)
+    world.reset()
+    first = world.gravel.copy()
+    assert first.any()
+    for _ in range(5):
+        world.reset()
+        np.testing.assert_array_equal(world.gravel, first)

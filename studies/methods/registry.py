@@ -13,11 +13,11 @@ from cmifs_ros.core.conditional_mi_selector import WIDTHS
 from cmifs_ros.core.samples import step_samples
 from cmifs_ros.core.search import forward_selection
 from cmifs_ros.core.shadows import exchange
-from studies.paper.alternatives import READINGS, rank_read
-from studies.paper.direct_port import rank_directly
 
+from .direct_port import rank_directly
 from .forests import FORESTS
 from .peers import ESTIMATORS, information_by_channel
+from .readings import READINGS, rank_read
 
 #: The name of each method and what tables call it.
 METHODS = {
@@ -42,10 +42,10 @@ METHODS = {
     'kdr_scaled': 'KDR, eps times M',
     'automatic': 'ours, automatic number',
     'automatic_shuffled': 'ours, automatic number, states of other episodes',
-    'stand_ins': 'ours, what stands in for what is confirmed',
+    'redundant': 'ours, what is redundant with what is confirmed',
 }
 #: Those that rank only some of the sensors.
-SELECTING = ('automatic', 'automatic_shuffled', 'stand_ins')
+SELECTING = ('automatic', 'automatic_shuffled', 'redundant')
 #: The default with other bounds of the number of kernel centres.
 NUM_CENTERS = {'centers_25': 25, 'centers_50': 50, 'centers_all': None}
 #: The estimators of rankings by the score alone: the default's, and that of the direct port.
@@ -66,7 +66,7 @@ class Ranking(NamedTuple):
 
     Without groups sensors are channels. The peers score each sensor by itself, the others score
     the first 1, 2, ... together. The automatic number ranks what it selects, and
-    `stand_ins` what could replace a part of that. A method that knows channels alone ranks a sensor
+    `redundant` what could replace a part of that. A method that knows channels alone ranks a sensor
     where its first channel is.
     """
 
@@ -157,8 +157,8 @@ def _selected(method: str, episodes, groups, seed: int, n_jobs: int) -> Ranking:
         episodes = [Episode(s, episode.rewards) for s, episode in pairs]
     selector = ConditionalMISelector(groups=groups, random_state=seed, n_jobs=n_jobs)
     selector.fit(episodes)
-    if method == 'stand_ins':
-        places = [i for i, of in enumerate(selector.stands_in_for_) if of]
+    if method == 'redundant':
+        places = [i for i, of in enumerate(selector.redundant_with_) if of]
     else:
         places = range(selector.num_features_)
     return Ranking(
@@ -192,21 +192,3 @@ def _of_sensors(channels, scores, parts: list[tuple[int, ...]], count: int) -> R
     for channel, score in zip(channels, scores, strict=True):
         first.setdefault(owner[channel], score)
     return Ranking(tuple(first)[:count], tuple(first.values())[:count])
-
-
-def rank_sum(ranking: Sequence[int], relevant: Sequence[int], num_channels: int) -> float:
-    """Return the sum of the ranks, from 1, of the relevant channels.
-
-    A channel that was not ranked counts as if the rest followed in random order.
-    """
-    unranked = (len(ranking) + 1 + num_channels) / 2
-    places = {channel: place for place, channel in enumerate(ranking, start=1)}
-    return sum(places.get(channel, unranked) for channel in relevant)
-
-
-def mean_and_error(values: Sequence[float]) -> tuple[float, float]:
-    """Return mean and standard error; a single value has an error of 0."""
-    values = np.array(values, dtype=float)
-    if len(values) == 1:
-        return float(values[0]), 0.0
-    return float(values.mean()), float(values.std(ddof=1) / np.sqrt(len(values)))

@@ -5,8 +5,8 @@ import pytest
 
 from cmifs_ros.core import ConditionalMISelector, Episode, KDRSelector
 from cmifs_ros.sim import rollout
-from studies.paper.alternatives import FixedGravelWorld, ReadKDR, rank_read
-from studies.paper.direct_port import rank_directly
+from studies.methods.direct_port import rank_directly
+from studies.methods.readings import ReadKDR, rank_read
 
 
 def small(scenario, seed):
@@ -56,16 +56,6 @@ def test_kdr_as_we_read_it_is_our_kdr():
 def test_readings_rank_every_channel_once(name):
     ranking, _ = rank_read(name, small('with_gravel', 3), (0,), 0, 5)
     assert sorted(ranking) == list(range(5))
-
-
-def test_fixed_gravel_lies_where_it_lay_in_the_first_episode():
-    world = FixedGravelWorld('with_gravel', seed=0)
-    world.reset()
-    first = world.gravel.copy()
-    assert first.any()
-    for _ in range(5):
-        world.reset()
-        np.testing.assert_array_equal(world.gravel, first)
 
 
 def test_the_paper_setting_is_the_one_the_readings_start_from():

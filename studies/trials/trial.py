@@ -9,8 +9,10 @@ import time
 from collections.abc import Iterable
 from typing import NamedTuple
 
-from .methods import mean_and_error, rank, rank_sum
-from .tasks import TASKS
+from studies.methods.registry import rank
+from studies.tasks.registry import TASKS
+
+from .statistics import mean_and_error, rank_sum
 
 
 class Trial(NamedTuple):

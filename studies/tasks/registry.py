@@ -13,10 +13,10 @@ from cmifs_ros.core import Episode
 from cmifs_ros.sim import channel_names, rollout, rollout_chain
 from cmifs_ros.sim.chain import CHANNEL_NAMES as CHAIN_NAMES
 from cmifs_ros.sim.grid_world import MAX_EPISODE_STEPS, NUM_CHANNELS
-from studies.paper.alternatives import FixedGravelWorld
 
 from .distractors import distractor_names, with_distractors
 from .environments import ENVIRONMENTS, MUJOCO, rollout_environment
+from .fixed_gravel import FixedGravelWorld
 from .lidar_world import CHANNEL_NAMES as LIDAR_NAMES
 from .lidar_world import GROUPS as LIDAR_GROUPS
 from .lidar_world import RELEVANT as LIDAR_RELEVANT

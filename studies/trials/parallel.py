@@ -13,8 +13,8 @@ from tqdm import tqdm
 
 from cmifs_ros.tools.cluster import IS_OLD_JOBLIB, backend
 
-from .trial_log import TrialLog
-from .trials import Results, Trial, run_trial
+from .log import TrialLog
+from .trial import Results, Trial, run_trial
 
 T = TypeVar('T')
 
@@ -58,7 +58,7 @@ def finish(
 
     Raises
     ------
-    StudyError
+    CommandError
         If the cluster cannot be used.
 
     """

@@ -5,14 +5,10 @@ from __future__ import annotations
 import json
 import os
 import subprocess
-import sys
 from pathlib import Path
 
-from cmifs_ros.tools.demo import executable
-
-
-class SoakError(RuntimeError):
-    """A promise was not kept; the message says which."""
+from cmifs_ros.tools.processes import executable
+from cmifs_ros.tools.program import CommandError
 
 
 class Process:
@@ -32,12 +28,6 @@ class Process:
     def selector(cls, folder: Path, **parameters) -> Process:
         """Start the selector as a user would."""
         return cls(folder, executable('selector_node'), **parameters)
-
-    @classmethod
-    def bare(cls, folder: Path, node: str, executor: str = 'chosen', **parameters) -> Process:
-        """Start one of `bare_nodes`."""
-        command = (sys.executable, '-m', 'studies.soak.bare_nodes', node, executor)
-        return cls(folder, *command, **parameters)
 
     def has_ended(self) -> bool:
         """Tell whether it has ended by itself."""
@@ -71,6 +61,6 @@ class Process:
             except subprocess.TimeoutExpired:
                 self.kill()
                 if kind is None:
-                    raise SoakError(f'not ended within 2 s:\n{self.log.read_text()}') from None
+                    raise CommandError(f'not ended within 2 s:\n{self.log.read_text()}') from None
         if kind is None and 'Traceback' in self.log.read_text():
-            raise SoakError(self.log.read_text())
+            raise CommandError(self.log.read_text())

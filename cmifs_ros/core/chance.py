@@ -1,0 +1,73 @@
+"""How large a quadratic statistic becomes by chance, and several p-values in one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy import special
+
+#: A p-value counts as no more beside others: one that is all but 1 would outweigh all of them.
+_GREATEST = 0.95
+
+
+def sign_flip_pvalue(statistic: float, products: np.ndarray) -> float:
+    """Return the p-value of a statistic if the sign of each episode's products were random.
+
+    By chance it is the squared length of a sum of the products with random signs (the wild cluster
+    bootstrap: Cameron, Gelbach & Miller, Bootstrap-based improvements for inference with clustered
+    errors, 2008). Its first three moments have a closed form; a Pearson III law with these gives
+    the tail. A statistic that no sign can change has p-value 1.
+
+    Parameters
+    ----------
+    statistic : float
+    products : numpy.ndarray, shape (M, k)
+        One row an episode.
+
+    """
+    # With B the products and s the signs the statistic is s'BB's; its diagonal is constant.
+    own = (products * products).sum(axis=1)
+    gram = products.T @ products
+    mean = own.sum()
+    variance = 2 * ((gram * gram).sum() - own @ own)
+    if variance <= 1e-12 * mean**2:
+        return 1.0
+    crossed = ((products @ gram) * products).sum(axis=1)
+    third = 8 * ((gram @ gram * gram).sum() - 3 * own @ crossed + 2 * (own**3).sum())
+    return pearson3_tail((statistic - mean) / np.sqrt(variance), third / variance**1.5)
+
+
+def resampled_pvalues(statistics: np.ndarray, drawn: np.ndarray) -> list[float]:
+    """Return the p-values of statistics (s,) of which some were drawn by chance (n, s).
+
+    A Pearson III law with the moments of those drawn gives the tail (Winkler et al., Faster
+    permutation inference in brain imaging, 2016). A statistic that chance leaves as it is has none.
+    """
+    means, spreads = drawn.mean(axis=0), drawn.std(axis=0)
+    kept = spreads > 1e-12 * means
+    scaled = (drawn[:, kept] - means[kept]) / spreads[kept]
+    skewness = np.mean(scaled * scaled * scaled, axis=0)
+    values = (statistics - means)[kept] / spreads[kept]
+    return [pearson3_tail(value, skew) for value, skew in zip(values, skewness, strict=True)]
+
+
+def combined_pvalue(pvalues: Sequence[float]) -> float:
+    """Return one p-value for all, however they depend on each other; 1 of none.
+
+    The mean in the scale of a Cauchy variable (Liu & Xie, Cauchy combination test, 2020).
+    """
+    if min(pvalues, default=1.0) > _GREATEST:
+        return float(min(pvalues, default=1.0))
+    mean = np.mean(1 / np.tan(np.pi * np.clip(pvalues, 1e-300, _GREATEST)))
+    return float(np.arctan2(1, mean) / np.pi)
+
+
+def pearson3_tail(value: float, skewness: float) -> float:
+    """Return scipy.stats.pearson3.sf(value, skewness); its module takes long to import."""
+    if abs(skewness) < 1e-3:
+        return float(special.ndtr(-value))
+    shape = 4 / skewness**2
+    drawn = max(shape + 2 * value / skewness, 0.0)
+    tail = special.gammaincc if skewness > 0 else special.gammainc
+    return float(tail(shape, drawn))

@@ -1,0 +1,51 @@
+"""Slow drift over the episodes: a policy learns, a floor gets wet, a motor warms up.
+
+Where a task drifts, its returns resemble each other from episode to episode, and so do the readings
+of any slow sensor, whether or not the two have to do with each other. So slow cosines of the
+episode's number are taken out, as in functional MRI (Friston et al., To smooth or not to smooth?,
+2000). Their number is chosen by Akaike's criterion for small samples (Hurvich & Tsai 1989), but
+with a higher price; where episodes are independent it is mostly none.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+_NUM_COSINES = (0, 1, 2, 4, 8)
+#: Price of a cosine; 2 would be Akaike's, and takes too much from data that do not drift.
+_PRICE = 3.0
+
+
+def cosines(num_episodes: int, count: int) -> np.ndarray:
+    """Return the slowest cosines of the episode's number, shape (num_episodes, count)."""
+    phase = np.pi * (np.arange(num_episodes) + 0.5) / num_episodes
+    return np.cos(np.outer(phase, np.arange(1, count + 1)))
+
+
+def num_cosines(means: np.ndarray, weights: np.ndarray) -> int:
+    """Return how many slow cosines columns of episode means (M, k), weighted by (M,), have."""
+    root = np.sqrt(weights)[:, None]
+    best, least = 0, np.inf
+    for count in _NUM_COSINES:
+        if count > len(means) // 4:
+            break
+        left = _detrended(means, root, count)
+        squares = np.maximum((left**2).sum(axis=0), np.finfo(float).tiny)
+        cost = np.log(squares).mean() + _PRICE * count / max(len(means) - count - 1, 1)
+        if cost < least:
+            best, least = count, cost
+    return best
+
+
+def share_of_drift(means: np.ndarray, weights: np.ndarray) -> float:
+    """Return the share of the variance of episode means (M,) that is slow drift."""
+    root, columns = np.sqrt(weights)[:, None], means[:, None]
+    left = _detrended(columns, root, num_cosines(columns, weights))
+    total = (_detrended(columns, root, 0) ** 2).sum()
+    return float(1 - (left**2).sum() / total) if total > 0 else 0.0
+
+
+def _detrended(means, root, count):
+    columns = np.column_stack([np.ones(len(means)), cosines(len(means), count)]) * root
+    basis = np.linalg.qr(columns)[0]
+    return root * means - basis @ (basis.T @ (root * means))

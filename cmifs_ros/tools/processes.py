@@ -1,0 +1,95 @@
+"""Child processes of a command: started, watched, and ended with it."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import time
+from pathlib import Path
+
+from ament_index_python.packages import PackageNotFoundError, get_package_prefix
+
+from .program import CommandError
+
+
+class InterruptionError(RuntimeError):
+    """The command was told to stop by a signal, which is the argument."""
+
+
+class Processes:
+    """The child processes of a command; leaving the context ends them all.
+
+    From its making on, SIGINT and SIGTERM take effect at the next `check`: raised anywhere
+    else, they could leave a process behind that was just being started.
+    """
+
+    def __init__(self, folder: Path):
+        self._folder = folder
+        self._running: dict[str, subprocess.Popen] = {}
+        self._signals: list[int] = []
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, lambda number, _: self._signals.append(number))
+
+    def start(self, name: str, *command: str) -> None:
+        """Start a process whose output goes to a file."""
+        with self.log(name).open('w') as output:
+            self._running[name] = subprocess.Popen(
+                command, stdout=output, stderr=subprocess.STDOUT, stdin=subprocess.DEVNULL
+            )
+
+    def log(self, name: str) -> Path:
+        """Return the file with the output of a process."""
+        return self._folder / f'{name}.log'
+
+    def lines(self, name: str) -> list[str]:
+        """Return the whole lines that a process has written so far."""
+        return self.log(name).read_text().split('\n')[:-1]
+
+    def check(self) -> None:
+        """Raise if a signal came, or a process has ended."""
+        if self._signals:
+            raise InterruptionError(self._signals[0])
+        for name, process in self._running.items():
+            if process.poll() is not None:
+                raise CommandError(
+                    f'the {name} ended early with exit code {process.returncode}:\n'
+                    + self.log(name).read_text()
+                )
+
+    def __enter__(self) -> Processes:
+        """Return itself."""
+        return self
+
+    def __exit__(self, *_) -> None:
+        """End all processes: ask first, then kill."""
+        for process in self._running.values():
+            process.send_signal(signal.SIGTERM)
+        deadline = time.monotonic() + 2
+        for process in self._running.values():
+            try:
+                process.wait(max(0, deadline - time.monotonic()))
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+
+
+def executable(name: str) -> str:
+    """Return the path that `ros2 run cmifs_ros NAME` starts."""
+    try:
+        path = Path(get_package_prefix('cmifs_ros'), 'lib', 'cmifs_ros', name)
+    except (PackageNotFoundError, LookupError, OSError) as error:
+        raise CommandError(
+            'the package cmifs_ros is not installed here; build it with colcon and source '
+            'install/setup.bash, or use `make demo`'
+        ) from error
+    return str(path)
+
+
+def stay_apart() -> None:
+    """Have nodes of this process and its children stay on this machine, apart from other nodes.
+
+    What the environment says already stays.
+    """
+    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    os.environ.setdefault('ROS_DOMAIN_ID', str(1 + os.getpid() % 100))

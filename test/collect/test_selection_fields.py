@@ -1,0 +1,106 @@
+"""A selection as JSON, and what comes of JSON that is none."""
+
+import json
+import re
+from dataclasses import fields, replace
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from selections import selection, sensor
+
+from cmifs_ros.collect.selection_fields import VERSION, fields_of, selection_of
+from cmifs_ros.core.selection import Effect, SensorResult
+
+names = st.text(min_size=1, max_size=9)
+numbers = st.floats(allow_nan=False)
+
+
+@st.composite
+def selections(draw):
+    found = []
+    for name in draw(st.lists(names, max_size=4, unique=True)):
+        channels = tuple(f'{name}[{i}]' for i in range(draw(st.integers(1, 3))))
+        is_tested = draw(st.booleans())
+        found.append(
+            SensorResult(
+                name,
+                channels,
+                draw(st.booleans()),
+                draw(numbers),
+                is_constant=draw(st.booleans()),
+                null_band=draw(st.none() | st.tuples(numbers, numbers, numbers)),
+                pvalue=draw(st.floats(0, 1)) if is_tested else None,
+                status='tentative' if is_tested else None,
+                supporting_channels=channels[:1],
+                redundant_with=draw(st.sampled_from([(), ('x',), ('x', 'y')])),
+                stability=draw(st.none() | st.floats(0, 1)),
+                effect=draw(st.none() | st.builds(Effect, numbers, numbers, numbers)),
+                why=draw(st.text(max_size=20)),
+            )
+        )
+    return replace(selection(*found), number=draw(st.integers(0, 10**6)), outdated=3)
+
+
+@given(selections())
+def test_what_is_said_is_read(sent):
+    assert selection_of(json.loads(json.dumps(fields_of(sent)))) == sent
+
+
+GOOD = selection(
+    sensor('x', pvalue=0.01, status='confirmed', is_selected=True), sensor('y'), number=2
+)
+
+
+def test_the_selected_and_the_ranking_can_be_read_without_going_through_the_sensors():
+    said = json.loads(json.dumps(fields_of(GOOD)))
+    assert (said['names'], said['indices']) == (['x'], [0])
+    assert (said['ranking'], said['scores']) == (['x', 'y'], [0.5, 0.5])
+    assert (said['version'], said['number']) == (VERSION, 2)
+    assert not {'means', 'spreads'} & set(said)
+
+
+@pytest.mark.parametrize(
+    ('change', 'message'),
+    [
+        ({'version': 2}, 'a selection of version 2; expected 1'),
+        ({'indices': [10**9]}, 'index 1000000000; expected less than'),
+        ({'indices': [0, 1]}, '2 indices for 1 selected channels'),
+        ({'indices': [0.0]}, '0.0 in place of an integer'),
+        ({'means': [1.0]}, '1 means for 0 spreads'),
+        ({'sensors': [fields_of(GOOD)['sensors'][0]] * 2}, '2 names; expected at most .*different'),
+        ({'sensors': 'x'}, 'str in place of a list'),
+    ],
+)
+def test_what_cannot_be_is_refused(change, message):
+    with pytest.raises((ValueError, TypeError), match=message):
+        selection_of(json.loads(json.dumps(fields_of(GOOD) | change)))
+
+
+@pytest.mark.parametrize(
+    ('change', 'message'),
+    [
+        ({'status': 'sure'}, "status 'sure'; expected one of confirmed, tentative, rejected"),
+        ({'pvalue': None}, "status 'confirmed' with pvalue None; expected both"),
+        ({'null_band': [1.0]}, 'not enough values'),
+        ({'redundant_with': [7]}, 'a name that is no text'),
+        ({'is_selected': 1}, '1 in place of true or false'),
+        ({'score': 'high'}, 'high'),
+        ({'name': ''}, 'a name that is no text'),
+        ({'why': 'x' * 1000}, 'in place of a text of at most'),
+    ],
+)
+def test_a_sensor_that_cannot_be_is_refused(change, message):
+    said = json.loads(json.dumps(fields_of(GOOD)))
+    said['sensors'][0] |= change
+    with pytest.raises((ValueError, TypeError), match=message):
+        selection_of(said)
+
+
+def test_the_page_lists_every_field():
+    page = Path(__file__).parents[2] / 'docs' / 'interface.md'
+    part = page.read_text().partition('## The selection')[2].partition('\n## ')[0]
+    listed = re.findall(r'^\| `(\w+)`', part, re.M)
+    expected = [*fields_of(GOOD), *(field.name for field in fields(SensorResult))]
+    assert sorted(listed) == sorted(expected)
