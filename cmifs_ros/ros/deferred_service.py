@@ -41,10 +41,12 @@ class DeferredReplies:
         # Steady time: a simulated clock that stands still must not stop it.
         node.create_timer(_PERIOD, self._go_on, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
-    def flush(self) -> None:
-        """Send all that waits, as the node ends."""
+    def flush(self) -> bool:
+        """Send all that waits, as the node ends; return whether anything did."""
+        has_waited = bool(self._waiting)
         while self._waiting:
             self._waiting.popleft()()
+        return has_waited
 
     def _send(self, response: Future, header) -> None:
         response.add_done_callback(lambda done: self._reply(done.result(), header))

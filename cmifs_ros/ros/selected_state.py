@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import time
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -23,8 +22,8 @@ from . import conversions, diagnostics
 from .parameters import Spec
 from .qos import LATCHED_QOS, STREAM_QOS
 
-#: Seconds for which the log does not say again that a sensor is gone.
-_SAID_FOR = 60.0
+#: Seconds for which the log does not say again of a sensor that comes and goes that it is gone.
+_SAID_FOR = 10.0
 #: Of the relay of the selector, and of the sampler.
 SELECTED_STATE_PARAMETERS = (
     Spec('layout', 'selected',
@@ -59,7 +58,8 @@ class SelectedState:
         self._newest = NewestValues(robot)
         self._number: int | None = None  # of the selection in use
         self._selected: set[str] | None = None
-        self._said: dict[str, float] = {}
+        self._told_gone: set[str] = set()  # Sensors that the log says are gone.
+        self._silent_until: dict[str, float] = {}  # By sensor, until when it does not say so again.
         self._num_sent = 0
         self._simulated: int | None = None
         self._is_simulated = is_simulated
@@ -136,7 +136,7 @@ class SelectedState:
         if self._selected is None and not self._settings['pass_through_until_selected']:
             return
         values = self._newest.state(self._now())
-        if self._newest.gone and self._selected is not None:
+        if self._selected is not None:
             self._say_gone()
         if self._newest.gone and self._settings['stop_on_missing_channel']:
             return
@@ -148,11 +148,15 @@ class SelectedState:
             self._publisher.publish(out)
 
     def _say_gone(self) -> None:
-        now, gone = time.monotonic(), self._newest.gone
-        fresh = {n: why for n, why in gone.items() if now > self._said.get(n, -math.inf)}
-        self._said |= dict.fromkeys(gone, now + _SAID_FOR)
+        now, gone, told = time.monotonic(), self._newest.gone, self._told_gone
+        due = {n for n in gone.keys() - told if now > self._silent_until.get(n, 0.0)}
+        fresh = {name: why for name, why in gone.items() if name in due}
+        self._told_gone = (told & gone.keys()) | due
+        self._silent_until |= dict.fromkeys(due, now + _SAID_FOR)
         if fresh:
             self._node.get_logger().warning(self._lack(fresh))
+        elif told and not gone:
+            self._node.get_logger().info('selected_state has all selected channels again')
 
     def _lack(self, gone: dict[str, str]) -> str:
         shown = first([f'{name}: {why}' for name, why in gone.items()])

@@ -123,7 +123,7 @@ class SelectorNode(Node):
     def destroy_node(self) -> None:
         """End the worker process and the last save, answer who waits, then end the node."""
         has_answered = self._queue.stop()
-        self._replies.flush()
+        has_answered |= self._replies.flush()
         if self._storage is not None:
             self._storage.stop()
         if has_answered:  # What a client has not read yet is lost with this process.

@@ -100,11 +100,14 @@ def test_it_needs_the_selected_channels_only_and_no_episode(start, robot, robot_
     topics.speak('a', 4.0)
     until_newest(robot, ['a', 'c'], [4, 3], 7)
     robot.until(lambda: robot.diagnostics[SELECTED][0] == OK)
+    assert sampler.output.count('selected_state has all selected channels again') == 1
 
     select(8, 'z')
     robot.until(lambda: "the robot file has no channel 'z'" in sampler.output)
     select(9, 'b')
     until_newest(robot, ['b'], [nan], 9)
+    select(1, 'c')  # of a selector that was started anew
+    until_newest(robot, ['c'], [3], 1)
 
 
 def test_full_places_stopping_and_nothing_before_the_selection(start, robot, robot_file, select):
