@@ -199,8 +199,8 @@ def select(
             random_state=selector.random_state,
         )
     if outdated:
-        episodes = episodes[outdated:]
-        _fit(selector, episodes, start=start, progress=progress, **options)
+        episodes = episodes[outdated:]  # Of another task: what was confirmed in it is not any more.
+        _fit(selector, episodes, progress=progress, **options)
     progress(1.0)
     samples = np.concatenate([np.column_stack([e.states, e.rewards]) for e in episodes])
     with np.errstate(over='ignore', invalid='ignore'):  # Huge values: their spread is inf.

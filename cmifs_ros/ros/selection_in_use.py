@@ -49,6 +49,11 @@ class SelectionInUse:
         return time.monotonic() - self.selected_at
 
     @property
+    def confirmed(self) -> tuple[str, ...]:
+        """The sensors that stay confirmed without evidence against them; none without its data."""
+        return () if self._drift is None else self.selection.confirmed
+
+    @property
     def channels(self) -> tuple[str, ...]:
         """The selected channels, in the order of the state."""
         pairs = zip(self.selection.indices, self.selection.names, strict=True)

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
 from dataclasses import dataclass
 
+from cmifs_ros.core import Episode
 from cmifs_ros.core.selection import Selection
 
 from .selection_job import prepare, run_selection
@@ -34,6 +35,8 @@ class Job:
         Who asked for it first.
     arguments : tuple
         Of `run_selection`; the first are the episodes.
+    held : sequence of Episode
+        These episodes as the buffer holds them.
 
     """
 
@@ -41,6 +44,7 @@ class Job:
     generation: int
     cause: str
     arguments: tuple
+    held: Sequence[Episode] = ()
 
 
 @dataclass(frozen=True)

@@ -32,6 +32,7 @@ from cmifs_ros.collect.selection_report import (
     kinds_of_warnings,
 )
 from cmifs_ros.core import Episode
+from cmifs_ros.core.looks import level_of_look
 from cmifs_ros.core.selection import Selection
 from cmifs_ros.core.targets import ACTION
 from cmifs_ros.core.words import counted, listed
@@ -83,6 +84,7 @@ class SelectorNode(Node):
         self._revision = 0  # counts what would change a selection
         self._attempted_revision: int | None = 0  # None: the last attempt failed
         self._generation = 0  # counts how often the episodes were thrown away
+        self._num_seen = 0  # episodes of the task as it is, also those that left the buffer
         self._in_use: SelectionInUse | None = None
         self._number = 0  # of the newest selection that was used
         self._attempt = NOTHING_SO_FAR  # level and message of the last one, if it gave nothing
@@ -153,6 +155,7 @@ class SelectorNode(Node):
         if not self._buffer.append(episode):
             return
         self._revision += 1
+        self._num_seen += 1
         if self._in_use is not None:
             self._in_use.add(episode)
         names = self._channel_names, self._action_names
@@ -201,6 +204,7 @@ class SelectorNode(Node):
 
     def _clear(self) -> None:
         self._buffer.clear()
+        self._num_seen = 0
         self._input.assembler.clear()
         self._revision += 1
         self._generation += 1
@@ -250,6 +254,13 @@ class SelectorNode(Node):
             settings = selector_settings(values, names, self._input.gamma(), target)
         except ValueError as error:
             raise RefusedError(str(error)) from None
+        if 'significance' in settings:
+            settings['significance'] = level_of_look(
+                settings['significance'],
+                self._num_seen,
+                num_first=values['min_episodes'],
+                buffer_size=values['max_episodes'],
+            )
         held = self._buffer.snapshot()
         episodes, note = with_same_actions(held, values['min_episodes'])
         if note:
@@ -259,12 +270,14 @@ class SelectorNode(Node):
             self._attempt = diagnostics.WARN, problem
             self.get_logger().warning(f'no selection: {problem}', throttle_duration_sec=300.0)
             raise RefusedError(problem)
-        in_use = self._in_use.selection.confirmed if self._in_use is not None else ()
+        in_use = self._in_use.confirmed if self._in_use is not None else ()
         least_kept = values['min_episodes'] if values['forget_outdated'] else None
         options = {'start': in_use, 'least_kept': least_kept}
         options['action_names'] = self._action_names if episodes[0].actions.size else ()
         arguments = (episodes, names, values['method'], settings, options)
-        return Job(self._revision, self._generation, cause, arguments)
+        # Episodes without their actions are copies of those held.
+        held = held if len(held) == len(episodes) else episodes
+        return Job(self._revision, self._generation, cause, arguments, held)
 
     def _select_periodically(self) -> None:
         enough = len(self._buffer) >= self._settings['min_episodes']
@@ -285,8 +298,8 @@ class SelectorNode(Node):
             return outcome
         if selection.outdated:
             self.get_logger().info(change(selection))
-            episodes = job.arguments[0]
-            self._buffer.forget(episodes[: selection.outdated])
+            self._buffer.forget(job.held[: selection.outdated])
+            self._num_seen = len(self._buffer)
             self._save()
         self._log_warnings(selection)
         if not selection.indices:
@@ -335,6 +348,7 @@ class SelectorNode(Node):
             return
         for episode in saved.episodes:
             self._buffer.append(episode)
+        self._num_seen = len(self._buffer)
         self._input.assembler.channel_names = saved.channel_names
         self._input.assembler.actions.names = saved.action_names
         self._revision += 1

@@ -139,9 +139,9 @@ class EpisodeBuffer:
 
 
 def _digest(episode: Episode) -> bytes:
-    # Without the actions: an episode may be taken without them, and is the same one.
     digest = hashlib.blake2b(np.ascontiguousarray(episode.states), digest_size=16)
     digest.update(np.ascontiguousarray(episode.rewards))
+    digest.update(np.ascontiguousarray(episode.actions))
     return digest.digest()
 
 
