@@ -12,7 +12,7 @@ from cmifs_ros.collect.robot_file.reader import parse_robot_file
 from cmifs_ros.collect.sampling.sampler import Sampler
 
 STATUS = '/go/_action/status'
-STAMPED, HEADERLESS = ('/odom', '/scan', '/pay'), ('/radio', '/goal', STATUS)
+STAMPED, HEADERLESS = ('/odom', '/scan', '/pay', '/turn'), ('/radio', '/goal', STATUS)
 MS = 1_000_000
 #: All times are in ms from here on.
 BEGIN = 5_000_000
@@ -29,6 +29,9 @@ channels:
   scan: {path: "/scan.data[0:2]", max_age: 0.4}
   radio: {path: /radio.data, max_age: 0.5}
   paid: {path: /pay.data, over: [mean, count], max_age: 2.0}
+actions:
+  turn: {path: /turn.data, max_age: 0.5}
+  drive: {path: /turn.data, over: mean, max_age: 0.5}
 values:
   distance: {path: /goal.data, max_age: .inf}
   ray: "/scan.data[0]"
@@ -162,8 +165,9 @@ def collected(robot, arrived, max_lateness=5.0):
     steps += sampler.flush()
     for step in steps:
         episodes += assembler.add_state(step.stamp, list(robot.channel_names), step.state)
+        episodes += assembler.actions.add_action(step.stamp, robot.action_names, step.action)
         episodes += assembler.add_reward(step.stamp, step.sample)
-    contents = [(e.states.tobytes(), e.rewards.tobytes()) for e in episodes]
+    contents = [(e.states.tobytes(), e.rewards.tobytes(), e.actions.tobytes()) for e in episodes]
     return Run(
         steps, contents, sampler.missing.counts, sampler.wrong.total(), sampler.received.total(),
         late,

@@ -34,6 +34,7 @@ __all__ = ['BagEpisodes', 'BagError', 'episodes_of_bag', 'open_bag']
 #: As the selector's parameter max_episode_steps.
 MAX_EPISODE_STEPS = 1000
 CLOCK = '/clock'
+JOINT_STATE = 'sensor_msgs/msg/JointState'
 
 
 @dataclass(frozen=True)
@@ -61,6 +62,8 @@ class BagEpisodes:
         Topics, none of them asked for, whose messages cannot be decoded, and why.
     traffic : Traffic
         Of the topics that were asked for, by their names in the robot file.
+    action_names : tuple of str
+        Of the values of the episodes' actions; empty without any.
 
     """
 
@@ -74,6 +77,7 @@ class BagEpisodes:
     dropped: dict[str, int]
     unreadable: dict[str, str]
     traffic: Traffic
+    action_names: tuple[str, ...] = ()
 
 
 def episodes_of_bag(
@@ -92,7 +96,8 @@ def episodes_of_bag(
     path : path
         A file or a folder.
     robot : RobotFile, optional
-        Without one, the bag holds the topics `state` and `reward`, in one namespace or none.
+        Without one, the bag holds the topics `state`, `reward` and, if there is one, `action`, in
+        one namespace or none.
     watch : callable, optional
         Is given the messages and their number and passes them on, for a display of progress.
 
@@ -131,9 +136,12 @@ def episodes_of_bag(
         )
     builder, dropped = collector.builder, collector.finish()
     dropped |= {explained('episodes', cause): n for cause, n in builder.dropped.items()}
+    if builder.num_partly_acting:
+        dropped['actions of episodes of which some steps have none'] = builder.num_partly_acting
     return BagEpisodes(
         collector.channel_names, collector.episodes, builder.stamps, count, collector.num_between,
         builder.num_cut, builder.num_open_steps, dropped, reader.unreadable, traffic,
+        collector.action_names,
     )  # fmt: skip
 
 
@@ -143,7 +151,7 @@ class _Sampled:
     def __init__(self, robot: RobotFile):
         self._robot, self._sampler = robot, Sampler(robot, max_lateness=None)
         self.builder = EpisodeBuilder(MAX_EPISODE_STEPS)
-        self.channel_names = robot.channel_names
+        self.channel_names, self.action_names = robot.channel_names, robot.action_names
         self._names: dict[str, str] = {}  # Of the robot file, by topic of the bag.
         self.episodes: list[Episode] = []
 
@@ -185,7 +193,7 @@ class _Sampled:
 
     def _collect(self, steps: list[Step]) -> None:
         for step in steps:
-            self.episodes += self.builder.add(step.state, step.sample, step.stamp)
+            self.episodes += self.builder.add(step.state, step.sample, step.stamp, step.action)
 
     def finish(self) -> dict[str, int]:
         sampler = self._sampler
@@ -222,6 +230,10 @@ class _StatesAndRewards:
     def channel_names(self) -> tuple[str, ...]:
         return self._assembler.channel_names or ()
 
+    @property
+    def action_names(self) -> tuple[str, ...]:
+        return self._assembler.actions.names
+
     def topics_among(self, topics: Mapping, path) -> Collection[str]:
         spaces = [t.removesuffix('/state') for t in topics if t.endswith('/state')]
         spaces = [space for space in spaces if f'{space}/reward' in topics]
@@ -230,7 +242,11 @@ class _StatesAndRewards:
                 f'{path} has {len(spaces)} pairs of topics state and reward; expected one, or a '
                 f'robot file (--robot); it has {", ".join(sorted(topics))[:1000] or "no topics"}'
             )
-        return f'{spaces[0]}/state', f'{spaces[0]}/reward'
+        action = topics.get(f'{spaces[0]}/action')
+        has_actions = action is not None and action.msgtype == JOINT_STATE
+        self._assembler.actions.expect(has_actions)
+        names = ('state', 'reward', 'action') if has_actions else ('state', 'reward')
+        return tuple(f'{spaces[0]}/{name}' for name in names)
 
     def name_of(self, topic: str) -> str:
         return topic
@@ -241,6 +257,8 @@ class _StatesAndRewards:
             names, values = list(message.name), array('d', message.position)
             if topic.endswith('/state'):
                 self.episodes += self._assembler.add_state(stamp, names, values)
+            elif topic.endswith('/action'):
+                self.episodes += self._assembler.actions.add_action(stamp, names, values)
             else:
                 sample = self._reader.sample_of(names, values)
                 self.episodes += self._assembler.add_reward(stamp, sample)
@@ -248,13 +266,15 @@ class _StatesAndRewards:
             self.note_wrong(topic, str(error))
 
     def note_wrong(self, topic: str, what: str) -> None:
-        cause = 'unusable_state' if topic.endswith('/state') else 'malformed_reward'
+        causes = {'state': 'unusable_state', 'action': 'malformed_action'}
+        cause = causes.get(topic.rpartition('/')[2], 'malformed_reward')
         self._assembler.drop_message(cause, f'{topic}: {what}')
 
     def set_clock(self, now: int) -> None:
         """Do nothing: an older pair tells that time was set back."""
 
     def finish(self) -> dict[str, int]:
+        self.episodes += self._assembler.actions.expect(False)
         counts = self._assembler.dropped_messages
         dropped = {explained('messages', cause): n for cause, n in counts.items()}
         return dropped | self.builder.ends.dropped_in_words()

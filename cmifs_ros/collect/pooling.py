@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from cmifs_ros.collect.bag import BagEpisodes, BagError
+from cmifs_ros.collect.episodes.same_actions import with_same_actions
 from cmifs_ros.core import Episode
 from cmifs_ros.core.words import counted
 
@@ -34,6 +35,8 @@ class Pool:
         The median time from one step to the next; NaN if no episode has two.
     notes : list of str
         What was left out, and what is doubtful.
+    action_names : tuple of str
+        Of the values of the actions; empty if some episodes have none.
 
     """
 
@@ -41,6 +44,7 @@ class Pool:
     episodes: list[Episode] = field(default_factory=list)
     step_seconds: float = float('nan')
     notes: list[str] = field(default_factory=list)
+    action_names: tuple[str, ...] = ()
 
 
 def source_of(path: str | Path, by: str) -> str:
@@ -85,6 +89,8 @@ def pooled(bags: Sequence[tuple[str, BagEpisodes]], by: str = 'none') -> Pool:
     for path, bag in sorted(with_episodes, key=lambda item: item[1].stamps[0][0]):
         if bag.channel_names != (pool.channel_names or bag.channel_names):
             raise BagError(f'{path} has other channels than {kept[0].path}; expected the same')
+        if pool.action_names and bag.action_names not in ((), pool.action_names):
+            raise BagError(f'{path} has other actions than {kept[0].path}; expected the same')
         pool.channel_names = bag.channel_names
         recorded = _Recorded(path, source_of(path, by), bag, [True] * len(bag.episodes))
         repeated = np.zeros(len(recorded.stamps), bool)
@@ -110,6 +116,11 @@ def pooled(bags: Sequence[tuple[str, BagEpisodes]], by: str = 'none') -> Pool:
             kept.append(_Recorded(path, recorded.source, bag, is_kept))
             episodes = compress(bag.episodes, is_kept)
             pool.episodes += [replace(episode, source=recorded.source) for episode in episodes]
+            pool.action_names = pool.action_names or bag.action_names
+    pool.episodes, note = with_same_actions(pool.episodes)
+    pool.notes += [note] if note else []
+    if pool.episodes and not pool.episodes[0].actions.size:
+        pool.action_names = ()
     return pool
 
 

@@ -1,4 +1,4 @@
-"""The sampler node: any robot's topics become `state` and `reward`, as its robot file says."""
+"""The sampler node: a robot's topics become `state`, `action` and `reward`, by its robot file."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ from cmifs_ros.collect.robot_file import load_robot_file
 from cmifs_ros.collect.robot_file.model import STATUS
 from cmifs_ros.collect.sampling.sampler import Sampler
 from cmifs_ros.collect.sampling.step import Step
+from cmifs_ros.core.targets import TARGETS
 from cmifs_ros.core.words import listed
 
 from . import conversions, diagnostics
@@ -54,10 +55,15 @@ class SamplerNode(Node):
         self._robot = load_robot_file(path)
         self._names = self._robot.channel_names
         discount = vars(self._robot.discount) if self._robot.discount else {}
-        self._discount = {key: value for key, value in discount.items() if value is not None}
+        self._asked = {key: value for key, value in discount.items() if value is not None}
+        if self._robot.target:
+            self._asked['target'] = float(TARGETS.index(self._robot.target))
         self._sampler = Sampler(self._robot, max_lateness)
         stream = QoSProfile(depth=1000)
         self._state_publisher = self.create_publisher(JointState, 'state', stream)
+        self._action_publisher = None
+        if self._robot.action_names:
+            self._action_publisher = self.create_publisher(JointState, 'action', stream)
         self._reward_publisher = self.create_publisher(JointState, 'reward', stream)
         self._diagnostics_publisher = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
         max_ages = dict.fromkeys(self._robot.topics, 0.0)
@@ -139,7 +145,11 @@ class SamplerNode(Node):
             self._state_publisher.publish(
                 conversions.named_values_to_msg(header, self._names, step.state)
             )
-            fields = step.sample._asdict() | self._discount
+            if self._action_publisher is not None:
+                self._action_publisher.publish(
+                    conversions.named_values_to_msg(header, self._robot.action_names, step.action)
+                )
+            fields = step.sample._asdict() | self._asked
             self._reward_publisher.publish(
                 conversions.named_values_to_msg(header, fields, fields.values())
             )

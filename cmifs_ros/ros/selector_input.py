@@ -1,4 +1,4 @@
-"""What comes into the selector: states and rewards, from whatever publishes them, to episodes."""
+"""What comes into the selector: states, rewards and actions, from whatever publishes them."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _FOREIGN_IN_A_ROW = 10
 
 
 class SelectorInput:
-    """Receive states and rewards for a node, and join them to episodes.
+    """Receive states, rewards and, if there are any, actions for a node; join them to episodes.
 
     Parameters
     ----------
@@ -73,25 +73,35 @@ class SelectorInput:
         self._reward_reader = RewardReader()
         self._is_reward_announced = False
         self._num_foreign = 0
-        self._last_at = {'state': -math.inf, 'reward': -math.inf}
+        self._last_at = dict.fromkeys(('state', 'reward', 'action'), -math.inf)
+        self._has_actor = False  # Whether somebody publishes actions.
         self.apply()
         self._subscriptions = {
             topic: FollowingSubscription(
                 node, JointState, topic, callback, on_lost=partial(self._lost, topic)
             )
-            for topic, callback in (('state', self._take_state), ('reward', self._take_reward))
+            for topic, callback in (
+                ('state', self._take_state),
+                ('reward', self._take_reward),
+                ('action', self._take_action),
+            )
         }
 
     @property
     def topics(self) -> list[str]:
-        """Names of the topics, as they are after remapping."""
-        return [subscription.topic_name for subscription in self._subscriptions.values()]
+        """Names of the topics that must be there, as they are after remapping."""
+        return [self._subscriptions[topic].topic_name for topic in ('state', 'reward')]
 
     @property
     def problem(self) -> str:
         """What is wrong with the input, or nothing."""
         found = self._watch.assessment
         return '' if found.level == 'OK' else found.message
+
+    @property
+    def target(self) -> str:
+        """What to select for: as the robot file says, else the parameters."""
+        return self._reward_reader.target or self._settings['target']
 
     def gamma(self) -> float:
         """Return the discount factor of a step: as the robot file says, else the parameters.
@@ -113,7 +123,8 @@ class SelectorInput:
         values, reader = self._settings, self.assembler.reader
         self.assembler.builder.max_episode_steps = values['max_episode_steps']
         self.assembler.builder.max_episode_bytes = values['max_buffer_mb'] * MEGABYTE
-        self.assembler.stamp_tolerance = round(values['stamp_tolerance'] * 1e9)
+        tolerance = round(values['stamp_tolerance'] * 1e9)
+        self.assembler.stamp_tolerance = self.assembler.actions.tolerance = tolerance
         reader.max_hold_steps, reader.inf_value = values['max_hold_steps'], values['inf_value']
         self._field_reader = conversions.FieldReader(parse_fields(values['fields']))
 
@@ -129,6 +140,10 @@ class SelectorInput:
             )
             for name, subscription in self._subscriptions.items()
         }
+        has_actor = bool(self._subscriptions['action'].publishers)
+        if has_actor != self._has_actor:
+            self._has_actor = has_actor
+            self._take(self.assembler.actions.expect, has_actor)
         for line in self._watch.look(now, topics):
             self._node.get_logger().warning(line)
         values = {
@@ -138,6 +153,7 @@ class SelectorInput:
             'buffer bytes allowed': self._buffer.max_bytes,
             'transitions': assembler.num_transitions,
             'unpaired messages': assembler.num_pending,
+            'steps without action': assembler.actions.num_without,
             'episodes cut': assembler.builder.num_cut,
             'episodes repeated': self._buffer.num_repeated,
             **{f'messages dropped: {k}': n for k, n in assembler.dropped_messages.items()},
@@ -181,6 +197,16 @@ class SelectorInput:
         self._take(
             self.assembler.add_reward, conversions.stamp_to_nanoseconds(msg.header.stamp), sample
         )
+
+    def _take_action(self, msg: JointState) -> None:
+        self._last_at['action'] = time.monotonic()
+        stamp = conversions.stamp_to_nanoseconds(msg.header.stamp)
+        try:
+            names, values = conversions.named_values(msg)
+        except ValueError as error:
+            self.assembler.drop_message('malformed_action', f'in an action, {error}')
+            return
+        self._take(self.assembler.actions.add_action, stamp, names, values)
 
     def _take(self, add: Callable[..., list[Episode]], *message) -> None:
         were_known = self.assembler.channel_names is not None

@@ -25,6 +25,7 @@ from cmifs_ros.collect.episodes.drift import Drift
 from cmifs_ros.collect.episodes.file_format import Saved
 from cmifs_ros.collect.episodes.filter import StateFilter
 from cmifs_ros.collect.episodes.reward_check import problem_of_rewards
+from cmifs_ros.collect.episodes.same_actions import with_same_actions
 from cmifs_ros.collect.selection_fields import fields_of
 from cmifs_ros.collect.selection_report import (
     change,
@@ -36,6 +37,7 @@ from cmifs_ros.collect.selection_report import (
 )
 from cmifs_ros.core import Episode
 from cmifs_ros.core.selection import Selection
+from cmifs_ros.core.targets import ACTION
 from cmifs_ros.core.words import counted, listed
 
 from . import conversions, diagnostics, selector_status
@@ -152,6 +154,10 @@ class SelectorNode(Node):
     def _channel_names(self) -> tuple[str, ...] | None:
         return None if self._input is None else self._input.assembler.channel_names
 
+    @property
+    def _action_names(self) -> tuple[str, ...]:
+        return self._input.assembler.actions.names
+
     # --- episodes and states
 
     def _keep(self, episode: Episode) -> None:
@@ -160,7 +166,8 @@ class SelectorNode(Node):
         self._revision += 1
         if self._drift is not None:
             self._drift.add(episode)
-        if self._storage is not None and not self._storage.append(episode, self._channel_names):
+        names = self._channel_names, self._action_names
+        if self._storage is not None and not self._storage.append(episode, *names):
             self._save()
 
     def _relay(self, header: Header, names: list[str], values: array) -> None:
@@ -255,11 +262,15 @@ class SelectorNode(Node):
             )
         try:
             check_parameters(values, names)
-            settings = selector_settings(values, names, self._input.gamma())
+            target = self._input.target
+            settings = selector_settings(values, names, self._input.gamma(), target)
         except ValueError as error:
             raise RefusedError(str(error)) from None
-        episodes = self._buffer.snapshot()
-        problem = problem_of_rewards(episodes) if values['method'] != 'kdr' else ''
+        held = self._buffer.snapshot()
+        episodes, note = with_same_actions(held, values['min_episodes'])
+        if note:
+            self.get_logger().warning(note, throttle_duration_sec=300.0)
+        problem = '' if values['method'] == 'kdr' else _problem_for(target, episodes)
         if problem:
             self._so_far = diagnostics.WARN, problem
             self.get_logger().warning(f'no selection: {problem}', throttle_duration_sec=300.0)
@@ -267,8 +278,10 @@ class SelectorNode(Node):
         in_use = self._selection.confirmed if self._selection is not None else ()
         least_kept = values['min_episodes'] if values['forget_outdated'] else None
         options = {'start': in_use, 'least_kept': least_kept}
+        options['action_names'] = self._action_names if episodes[0].actions.size else ()
         arguments = (episodes, names, values['method'], settings, options)
-        self._selected_from = episodes
+        # As they are held: here they may be without their actions.
+        self._selected_from = held if len(held) == len(episodes) else episodes
         return Job(self._revision, self._generation, cause, arguments)
 
     def _select_periodically(self) -> None:
@@ -336,6 +349,7 @@ class SelectorNode(Node):
         for episode in saved.episodes:
             self._buffer.append(episode)
         self._input.assembler.channel_names = saved.channel_names
+        self._input.assembler.actions.names = saved.action_names
         self._revision += 1
         if saved.selection is not None:
             age = max(0.0, time.time() - saved.selected_at)
@@ -353,6 +367,7 @@ class SelectorNode(Node):
                     self._buffer.snapshot(),
                     self._selection,
                     selected_at if self._selection is not None else 0.0,
+                    action_names=self._action_names,
                 )
             )
 
@@ -422,6 +437,18 @@ class SelectorNode(Node):
             episodes=len(self._buffer),
             settings=self._settings,
         )
+
+
+def _problem_for(target: str, episodes: Sequence[Episode]) -> str:
+    """Return why nothing can be selected for a target, or nothing."""
+    if target != ACTION:
+        return problem_of_rewards(episodes)
+    if episodes[0].actions.size:
+        return ''
+    return (
+        "target is 'action', but the episodes have no actions; publish each on `action`, with the "
+        'stamp of its state, or name them in the robot file'
+    )
 
 
 if __name__ == '__main__':

@@ -8,6 +8,7 @@ from math import inf, isnan
 from cmifs_ros.collect.sensor_groups import groups_by_name
 from cmifs_ros.core import CRITERIA, DIRECTIONS
 from cmifs_ros.core.selection import METHODS
+from cmifs_ros.core.targets import RETURN, TARGETS
 from cmifs_ros.core.words import listed
 
 from .parameters import Spec
@@ -23,6 +24,10 @@ PARAMETERS = (
          choices=tuple(METHODS)),
     Spec('kdr_target', '',
          'For method kdr: the channels that the reward depends on directly, as in "x,y".'),
+    Spec('target', RETURN,
+         'What sensors are selected for: what the return depends on, what a controller needs for '
+         'its decisions, or what the recorded action depends on. That of a robot file goes first.',
+         choices=TARGETS),
     Spec('num_features', 0, 'Sensors to select; 0 decides automatically.', (0, 10_000)),
     Spec('gamma', 0.95, 'Discount factor of the return.', (1e-6, 1)),
     Spec('half_life', 0.0,
@@ -64,6 +69,8 @@ PARAMETERS = (
          (0, 1e6)),
     Spec('significance', 0.05,
          'Probability that any sensor is confirmed where none tells anything.', (1e-6, 0.5)),
+    Spec('margin', 0.02,
+         "Share of the target's variance: a sensor that adds less is dispensable.", (1e-6, 0.999)),
     Spec('max_time_bins', -1,
          'Longer episodes have neighbouring steps pooled into so many bins; 0 never pools, -1 '
          'decides by the data.', (-1, 10_000)),
@@ -78,7 +85,7 @@ PARAMETERS = (
 SELECTION_PARAMETERS = {
     'method', 'kdr_target', 'num_features', 'gamma', 'half_life', 'criterion', 'standardize',
     'direction', 'sensor_groups', 'min_episodes', 'max_episodes', 'max_buffer_mb', 'max_time_bins',
-    'significance', 'random_state', 'forget_outdated',
+    'significance', 'random_state', 'forget_outdated', 'target', 'margin',
 }  # fmt: skip
 
 #: What stands for itself is a number of bins.
@@ -180,7 +187,9 @@ def parse_kdr_target(text: str) -> list[str]:
     return channels
 
 
-def selector_settings(values: dict, channel_names: Sequence[str], gamma: float) -> dict:
+def selector_settings(
+    values: dict, channel_names: Sequence[str], gamma: float, target: str
+) -> dict:
     """Return the settings of the selector of `values['method']` for these channels."""
     settings = {
         'num_features': values['num_features'] or None,
@@ -191,10 +200,12 @@ def selector_settings(values: dict, channel_names: Sequence[str], gamma: float) 
     if values['method'] == 'kdr':
         return settings | {'target': parse_kdr_target(values['kdr_target'])}
     return settings | {
+        'target': target,
         'gamma': gamma,
         'criterion': values['criterion'],
         'standardize': values['standardize'],
         'max_time_bins': _TIME_BINS.get(values['max_time_bins'], values['max_time_bins']),
         'significance': values['significance'],
+        'margin': values['margin'],
         'n_jobs': values['worker_threads'],
     }

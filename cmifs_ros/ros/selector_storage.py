@@ -69,9 +69,11 @@ class SelectorStorage:
             )
         return saved
 
-    def append(self, episode: Episode, channel_names: tuple[str, ...]) -> bool:
+    def append(
+        self, episode: Episode, channel_names: tuple[str, ...], action_names: tuple[str, ...]
+    ) -> bool:
         """Keep one more episode; return False if everything is to be saved instead."""
-        return self._saver is None or self._saver.append(episode, channel_names)
+        return self._saver is None or self._saver.append(episode, channel_names, action_names)
 
     def save(self, saved: Saved) -> None:
         """Keep this in place of all before. Never blocks."""

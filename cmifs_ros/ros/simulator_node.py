@@ -36,7 +36,7 @@ PARAMETERS = (
     Spec('rate', 20.0, 'Steps per second.', (0.01, 10_000)),
     Spec('seed', -1, 'Seed of the world and the policy; -1 draws one. A change starts a new '
          'sequence of episodes at the next episode.', (-1, 2**31 - 1)),
-    Spec('policy', 'own', 'Who chooses the actions: its own policy, or whoever publishes `action` '
+    Spec('policy', 'own', 'Who chooses the actions: its own policy, or whoever publishes `command` '
          '(std_msgs/Int32: 0 up, 1 down, 2 left, 3 right, or from the Discrete space of `env`). '
          'The newest action is repeated; its own policy acts until the first one arrives.',
          choices=('own', 'topic')),
@@ -58,7 +58,11 @@ class SimulatorNode(Node):
         self._reward_publisher = self.create_publisher(JointState, 'reward', stream)
         self._map_publisher = self.create_publisher(OccupancyGrid, 'map', latched)
         self._marker_publisher = self.create_publisher(MarkerArray, 'markers', 10)
-        self.create_subscription(Int32, 'action', self._on_action, 10)
+        self.create_subscription(Int32, 'command', self._on_command, 10)
+        # The grid world has no actions to show, as the paper's criterion leaves them out.
+        self._action_publisher = None
+        if self._settings['env']:
+            self._action_publisher = self.create_publisher(JointState, 'action', stream)
         self._action: int | None = None  # the newest one received
         self._acting: Header | None = None  # of the state that waits for its action
         self._world: GridWorld | GymnasiumWorld | None = None
@@ -105,7 +109,7 @@ class SimulatorNode(Node):
         else:
             self._act(header, self._choose_action())
 
-    def _on_action(self, msg: Int32) -> None:
+    def _on_command(self, msg: Int32) -> None:
         world = self._running
         is_grid = isinstance(world, GridWorld)
         if msg.data in MOVES if is_grid else world.allows(msg.data):
@@ -113,7 +117,7 @@ class SimulatorNode(Node):
         else:
             actions = '0 (up), 1 (down), 2 (left), 3 (right)' if is_grid else world.actions
             self.get_logger().warning(
-                f'action is {msg.data}; expected {actions}', throttle_duration_sec=10.0
+                f'command is {msg.data}; expected {actions}', throttle_duration_sec=10.0
             )
 
     def _choose_action(self):
@@ -125,6 +129,11 @@ class SimulatorNode(Node):
 
     def _act(self, header: Header, action) -> None:
         self._acting = None
+        if self._action_publisher is not None and self._running.action_names:
+            values = self._running.values_of(action)
+            self._action_publisher.publish(
+                conversions.named_values_to_msg(header, self._running.action_names, values)
+            )
         self._state, reward, terminated, truncated, _ = self._running.step(action)
         sample = RewardSample(reward, terminated, truncated, self._episode, self._step)
         number = int(action) if np.ndim(action) == 0 else None

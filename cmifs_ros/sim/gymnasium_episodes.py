@@ -6,6 +6,7 @@ Only the wrapper needs Gymnasium itself: python3 -m pip install gymnasium.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from copy import deepcopy
 
 import numpy as np
 
@@ -48,6 +49,51 @@ def channel_names(env) -> tuple[str, ...]:
     return tuple(f'obs_{i}' for i in range(count))
 
 
+def action_names(env) -> tuple[str, ...]:
+    """Return a name for each number of an environment's actions, as episodes hold them.
+
+    A Discrete action is one-hot, ``action.0``, ``action.1``, ...; the values of a Box are
+    ``action_0``, ``action_1``, ..., or ``action`` if it is one. MultiDiscrete, Dict and Tuple
+    consist of such parts. Other spaces, and an environment without one, have no names.
+    """
+    space = getattr(env, 'action_space', None)
+    return () if space is None else tuple(named_action(space, deepcopy(space).sample()))
+
+
+def named_action(space, action, name: str = 'action') -> dict[str, float]:
+    """Return the numbers of an action by the names that `action_names` gives them.
+
+    Parameters
+    ----------
+    space : gymnasium.spaces.Space
+    action : object
+        Of the space.
+    name : str
+        What the names begin with.
+
+    """
+    kinds = {kind.__name__ for kind in type(space).__mro__}
+    if kinds & {'Dict', 'Tuple'}:
+        is_dict = isinstance(space.spaces, Mapping)
+        parts = space.spaces.items() if is_dict else enumerate(space.spaces)
+        named = [named_action(part, action[key], f'{name}_{key}') for key, part in parts]
+        return {key: value for part in named for key, value in part.items()}
+    if 'Discrete' in kinds:
+        return _one_hot(name, action, space.start, space.n)
+    values = np.ravel(action)
+    names = [name] if len(values) == 1 else [f'{name}_{i}' for i in range(len(values))]
+    if 'MultiDiscrete' in kinds:
+        parts = zip(names, values, np.ravel(space.start), np.ravel(space.nvec), strict=True)
+        return {key: value for part in parts for key, value in _one_hot(*part).items()}
+    if kinds & {'Box', 'MultiBinary'}:
+        return {key: float(value) for key, value in zip(names, values, strict=True)}
+    return {}
+
+
+def _one_hot(name: str, value: int, start: int, count: int) -> dict[str, float]:
+    return {f'{name}.{k}': float(k == value) for k in range(start, start + count)}
+
+
 def collect_episodes(
     env,
     num_episodes: int,
@@ -56,7 +102,9 @@ def collect_episodes(
     max_steps: int = 1000,
     seed: int | None = None,
 ) -> list[Episode]:
-    """Return episodes of an environment, the same for the same seed.
+    """Return episodes of an environment with their actions, the same for the same seed.
+
+    The values of the actions are those of `action_names(env)`.
 
     Parameters
     ----------
@@ -81,17 +129,19 @@ def collect_episodes(
             raise ValueError(f'{name} is {value}; expected at least 1')
     if policy is None:
         env.action_space.seed(seed)
+    space = getattr(env, 'action_space', None)
     episodes = []
     for i in range(num_episodes):
         observation, _ = env.reset(seed=seed if i == 0 else None)
-        states, rewards, has_ended = [], [], False
+        states, rewards, actions, has_ended = [], [], [], False
         while not has_ended and len(rewards) < max_steps:
             action = env.action_space.sample() if policy is None else policy(observation)
             states.append(flatten(observation))
+            actions.append(list(named_action(space, action).values()))
             observation, reward, terminated, truncated, _ = env.step(action)
             rewards.append(reward)
             has_ended = terminated or truncated
-        episodes.append(Episode(states, rewards))
+        episodes.append(Episode(states, rewards, actions))
     return episodes
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from cmifs_ros.core.channel_names import problem_of_names
 
-from .gymnasium_episodes import channel_names, flatten
+from .gymnasium_episodes import action_names, channel_names, flatten, named_action
 
 
 class WorldError(Exception):
@@ -34,6 +34,8 @@ class GymnasiumWorld:
     Attributes
     ----------
     channel_names : tuple of str
+    action_names : tuple of str
+        As of `gymnasium_episodes.action_names`.
     actions : str
         Description of the action space.
 
@@ -63,6 +65,10 @@ class GymnasiumWorld:
         problem = problem_of_names(self.channel_names)
         if problem:
             raise ValueError(f'env is {name!r}, whose states have {problem}')
+        self.action_names = action_names(self._env)
+        problem = problem_of_names(self.action_names)
+        if problem:
+            raise ValueError(f'env is {name!r}, whose actions have {problem}')
         self.actions = f'some of {self._env.action_space}'
         self._is_discrete = isinstance(self._env.action_space, gymnasium.spaces.Discrete)
         self._name = name
@@ -92,6 +98,10 @@ class GymnasiumWorld:
     def sample_action(self):
         """Return a random action."""
         return self._env.action_space.sample()
+
+    def values_of(self, action) -> list[float]:
+        """Return the numbers of an action, as `action_names`."""
+        return list(named_action(self._env.action_space, action).values())
 
     def allows(self, number: int) -> bool:
         """Return whether an integer is a valid action."""

@@ -15,6 +15,8 @@ def rollout(
 ) -> list[Episode]:
     """Return episodes of 20 steps, bit for bit the same for the same seed.
 
+    They have no actions, which the paper's criterion leaves out.
+
     Parameters
     ----------
     scenario : {'without_gravel', 'with_gravel'}

@@ -24,6 +24,7 @@ from cmifs_ros.collect.sensor_groups import groups_by_name
 from cmifs_ros.collect.traffic import rates_of
 from cmifs_ros.core import ConditionalMISelector
 from cmifs_ros.core.selection import Selection, select
+from cmifs_ros.core.targets import ACTION, RETURN, TARGETS
 from cmifs_ros.core.words import counted, first
 
 from .arguments import between, file_to_write, folder_to_write, home_path, number_from
@@ -62,6 +63,22 @@ def main(arguments: list[str] | None = None) -> int:
         '--source', choices=SOURCES,
         help='what tells which robot or recording an episode is of (default: as the robot file '
         'says, else none)',
+    )  # fmt: skip
+    parser.add_argument(
+        '--target', choices=TARGETS,
+        help='what to select for: what the return depends on, what a controller needs for its '
+        'decisions, or what the recorded action depends on (default: as the robot file says, else '
+        'return)',
+    )  # fmt: skip
+    parser.add_argument(
+        '--margin', type=between(0, 1), default=ConditionalMISelector().margin, metavar='SHARE',
+        help="share of the target's variance: a sensor that adds less is dispensable (default: "
+        '%(default)s)',
+    )  # fmt: skip
+    parser.add_argument(
+        '--order', choices=('time', 'none'), default='time',
+        help='what the order of the episodes means: time, so that slow drift is no evidence, or '
+        'nothing, as of files sorted by their outcome (default: %(default)s)',
     )  # fmt: skip
     discount = parser.add_mutually_exclusive_group()
     discount.add_argument(
@@ -149,18 +166,27 @@ def _select(bags: list[BagEpisodes], robot: RobotFile | None, options: argparse.
         raise BagError('; '.join([*pool.notes, *problems]))
     for problem in (*pool.notes, *problems):
         print(f'warning: {problem}')
-    problem = problem_of_rewards(pool.episodes)
+    target = options.target or (robot and robot.target) or RETURN
+    if target == ACTION and not pool.action_names:
+        raise CommandError(
+            "target is 'action', but the episodes have no actions: add `actions` to the robot "
+            'file, or record the topic `action` with the stamps of `state`'
+        )
+    problem = '' if target == ACTION else problem_of_rewards(pool.episodes)
     if problem:
         raise CommandError(problem)
     settings = {'num_features': options.num_features, 'n_jobs': os.cpu_count()}
+    settings |= {'target': target, 'margin': options.margin}
     settings['groups'] = groups_by_name(pool.channel_names)
-    settings['gamma'] = _gamma(pool, robot, options)
+    if target == RETURN:
+        settings['gamma'] = _gamma(pool, robot, options)
     among = f'{counted(len(pool.channel_names), "channel")} from '
     print(f'selecting among {among}{counted(len(pool.episodes), "episode")} ...', flush=True)
     try:
         # A single job: without a cluster, joblib does it in this process.
         job = delayed(select)(
             pool.episodes, pool.channel_names, 'conditional_mi', settings,
+            action_names=pool.action_names, ordered=options.order == 'time',
             num_halves=options.stability,
         )  # fmt: skip
         (selection,) = Parallel(1)([job])
@@ -208,7 +234,9 @@ def _write(
     if options.episodes_file:
         # A selector that starts with a selection of nothing would publish nothing.
         kept = selection if selection.indices else None
-        saved = episode_file.Saved(pool.channel_names, pool.episodes, kept, time.time())
+        saved = episode_file.Saved(
+            pool.channel_names, pool.episodes, kept, time.time(), action_names=pool.action_names
+        )
         options.episodes_file.parent.mkdir(parents=True, exist_ok=True)
         episode_file.write(options.episodes_file, saved)
         written.append(options.episodes_file)

@@ -1,7 +1,7 @@
 """A learner beside the selector, in one file: Q-learning on a table, on whatever is selected.
 
 It subscribes to `selected_state` and `reward`, which belong together by their stamps, and publishes
-`action`. What it has seen it keeps by the names of the sensors: when the selection changes, the
+`command`. What it has seen it keeps by the names of the sensors: when the selection changes, the
 table is learned anew from that, on the names that are selected now. During the first episodes it
 says nothing, and the robot's own policy acts. Prints the return of each episode.
 """
@@ -34,7 +34,7 @@ class Learner:
         self.states, self.rewards = OrderedDict(), OrderedDict()  # by stamp, until paired
         self.last = None  # (episode, step, state, action, reward), until the next state is known
         self.episode_return, self.finished = 0.0, 0
-        self.publisher = node.create_publisher(Int32, 'action', 10)
+        self.publisher = node.create_publisher(Int32, 'command', 10)
         stream = QoSProfile(depth=1000)
         node.create_subscription(JointState, 'selected_state', self.on_state, stream)
         node.create_subscription(JointState, 'reward', self.on_reward, stream)

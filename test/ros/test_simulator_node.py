@@ -19,7 +19,7 @@ from cmifs_ros.collect.episodes.reward_reader import RewardReader
 from cmifs_ros.ros import conversions
 from cmifs_ros.sim import channel_names, rollout
 from cmifs_ros.sim.grid_world import WALLS
-from cmifs_ros.sim.gymnasium_episodes import collect_episodes
+from cmifs_ros.sim.gymnasium_episodes import action_names, collect_episodes
 
 QOS = QoSProfile(depth=1000)
 
@@ -33,14 +33,22 @@ class Listener:
         self.reward_reader = RewardReader()
         self.state_names = []
         self.reward_names = set()
+        self.action_names = set()
         robot.node.create_subscription(JointState, 'state', self._on_state, QOS)
         robot.node.create_subscription(JointState, 'reward', self._on_reward, QOS)
+        robot.node.create_subscription(JointState, 'action', self._on_action, QOS)
 
     def _on_state(self, msg):
         names, values = conversions.named_values(msg)
         self.state_names.append(tuple(names))
         stamp = conversions.stamp_to_nanoseconds(msg.header.stamp)
         self.episodes += self.assembler.add_state(stamp, names, values)
+
+    def _on_action(self, msg):
+        names, values = conversions.named_values(msg)
+        self.action_names.add(tuple(names))
+        stamp = conversions.stamp_to_nanoseconds(msg.header.stamp)
+        self.episodes += self.assembler.actions.add_action(stamp, names, values)
 
     def _on_reward(self, msg):
         self.reward_names.add(tuple(msg.name))
@@ -51,7 +59,7 @@ class Listener:
 
 def act(robot, action):
     """Publish an action again and again: a first message may meet a node that knows no sender."""
-    publisher = robot.node.create_publisher(Int32, 'action', 10)
+    publisher = robot.node.create_publisher(Int32, 'command', 10)
     robot.node.create_timer(0.1, lambda: publisher.publish(Int32(data=action)))
 
 
@@ -174,7 +182,7 @@ def test_it_takes_actions_from_a_topic_and_pays_for_them(start, robot):
 def test_a_wrong_action_is_said_to_be_one(start, robot):
     node = start('simulator_node', policy='topic', wait_for_subscribers=False)
     act(robot, -1)
-    robot.until(lambda: 'action is -1; expected 0 (up), 1 (down), 2 (left), 3' in node.output)
+    robot.until(lambda: 'command is -1; expected 0 (up), 1 (down), 2 (left), 3' in node.output)
     assert 'Traceback' not in node.output
 
 
@@ -189,12 +197,15 @@ def test_an_environment_of_gymnasium_gives_its_episodes(start, robot, env, names
     gymnasium = pytest.importorskip('gymnasium', reason='gymnasium is not here')
     start('simulator_node', env=env, rate=1000.0, seed=4, num_episodes=3)
     listener = Listener(robot)
+    listener.assembler.actions.expect(True)
     robot.until(lambda: len(listener.episodes) == 3)
     expected = collect_episodes(gymnasium.make(env), 3, seed=4)
     for episode, other in zip(listener.episodes, expected, strict=True):
         np.testing.assert_array_equal(episode.states, other.states)
         np.testing.assert_array_equal(episode.rewards, other.rewards)
+        np.testing.assert_array_equal(episode.actions, other.actions)
     assert set(listener.state_names) == {names}
+    assert listener.action_names == {action_names(gymnasium.make(env))}
     (fields,) = listener.reward_names
     assert ('action' in fields) == (env == 'CartPole-v1')
 
@@ -210,7 +221,7 @@ def test_actions_of_a_discrete_environment_come_from_the_topic(start, robot):
     act(robot, 1)
     robot.until(lambda: len(taken) > 40 and set(taken[-40:]) == {1.0})
     act(robot, 2)
-    robot.until(lambda: 'action is 2; expected some of Discrete(2)' in node.output)
+    robot.until(lambda: 'command is 2; expected some of Discrete(2)' in node.output)
     assert set(taken) <= {0.0, 1.0}  # What is no action is not taken.
     assert 'Traceback' not in node.output
 

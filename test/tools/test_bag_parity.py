@@ -22,6 +22,7 @@ for kind, field in (('Value', 'float64 data'), ('Rays', 'float64[] data')):
 KINDS = {
     '/odom': 'nobody_has_msgs/msg/Value',
     '/pay': 'nobody_has_msgs/msg/Value',
+    '/turn': 'nobody_has_msgs/msg/Value',
     '/scan': 'nobody_has_msgs/msg/Rays',
     '/radio': 'std_msgs/msg/Float64',
     '/goal': 'std_msgs/msg/Float64',
@@ -69,7 +70,10 @@ def test_a_bag_gives_the_episodes_of_the_node(tmp_path_factory, sent, robot, see
     in_time = [a for a in arrivals(sent, robot.topics, random) if id(a[2]) not in live.late]
     write(path, in_time, robot.topics, storage)
     bag = episodes_of_bag(path, robot)
-    assert [(e.states.tobytes(), e.rewards.tobytes()) for e in bag.episodes] == live.episodes
+    assert [
+        (e.states.tobytes(), e.rewards.tobytes(), e.actions.tobytes()) for e in bag.episodes
+    ] == live.episodes
+    assert bag.action_names == ('turn', 'drive')
     assert bag.num_messages + len(live.late) == live.received
     assert not any(what.startswith('late') for what in bag.dropped)
 

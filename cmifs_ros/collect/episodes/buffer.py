@@ -15,8 +15,8 @@ from cmifs_ros.core.words import counted
 class EpisodeBuffer:
     """Keep the newest episodes; the oldest are removed to make room for a new one.
 
-    An exact copy of an episode (same states and rewards), as from a bag played in a loop, is no
-    further evidence: it is counted but not kept.
+    An exact copy of an episode (same states, rewards and actions), as from a bag played in a loop,
+    is no further evidence: it is counted but not kept.
 
     Parameters
     ----------
@@ -141,6 +141,7 @@ class EpisodeBuffer:
 def _digest(episode: Episode) -> bytes:
     digest = hashlib.blake2b(np.ascontiguousarray(episode.states), digest_size=16)
     digest.update(np.ascontiguousarray(episode.rewards))
+    digest.update(np.ascontiguousarray(episode.actions))
     return digest.digest()
 
 

@@ -61,6 +61,8 @@ class EpisodeBuilder:
         By cause, the most recent of them in words.
     num_cut : int
         Episodes closed at `max_episode_steps` or `max_episode_bytes`.
+    num_partly_acting : int
+        Episodes whose actions were left out, as some of their steps have none.
     ends : EndCounts
         Episodes by the end that was seen, terminated or truncated, and which of these were lost.
     stamps : list of numpy.ndarray of int, or None
@@ -71,7 +73,7 @@ class EpisodeBuilder:
     def __init__(self, max_episode_steps: int, max_episode_bytes: int = 2**62):
         self.max_episode_steps = max_episode_steps
         self.max_episode_bytes = max_episode_bytes
-        self.num_cut = 0
+        self.num_cut = self.num_partly_acting = 0
         self.dropped: Counter[str] = Counter()
         self.last_drops: dict[str, str] = {}
         self.ends = EndCounts()
@@ -97,7 +99,13 @@ class EpisodeBuilder:
         """The median time from one step to the next, lately; NaN if no episode has two."""
         return float(np.median(self._distances)) / 1e9 if self._distances else math.nan
 
-    def add(self, state: Sequence[float], sample: RewardSample, stamp: int) -> list[Episode]:
+    def add(
+        self,
+        state: Sequence[float],
+        sample: RewardSample,
+        stamp: int,
+        action: Sequence[float] = (),
+    ) -> list[Episode]:
         """Add a step to the open episode, or begin one with it; return what it completes.
 
         Parameters
@@ -106,6 +114,8 @@ class EpisodeBuilder:
         sample : RewardSample
         stamp : int
             Nanoseconds.
+        action : sequence of float
+            Empty if there is none.
 
         """
         previous = self._previous
@@ -128,6 +138,7 @@ class EpisodeBuilder:
             if self._open_stamps:
                 self._distances.append(stamp - self._open_stamps[-1])
             self._open_rewards.append(sample.reward)
+            self._open_actions.append(array('d', action))
             self._open_stamps.append(stamp)
             self._skipping = self._was_cut = False
         elif not self._skipping:
@@ -142,7 +153,7 @@ class EpisodeBuilder:
             else:
                 self.ends.add_lost(sample.end, self._broken_by)
             self._skipping = False
-        elif self._is_full(len(state) + 1):
+        elif self._is_full(len(state) + 1 + len(action)):
             completed.append(self._close())
             self._was_cut = True
             self.num_cut += 1
@@ -185,7 +196,11 @@ class EpisodeBuilder:
 
     def _close(self) -> Episode:
         rewards = np.array(self._open_rewards)
-        episode = Episode(np.array(self._open_states).reshape(len(rewards), -1), rewards)
+        states = np.array(self._open_states).reshape(len(rewards), -1)
+        sizes = set(map(len, self._open_actions))
+        actions = np.array(self._open_actions) if len(sizes) == 1 else None
+        self.num_partly_acting += actions is None
+        episode = Episode(states, rewards, actions)
         if self.stamps is not None:
             self.stamps.append(np.array(self._open_stamps))
         self._forget_open()
@@ -194,6 +209,7 @@ class EpisodeBuilder:
     def _forget_open(self) -> None:
         self._open_states, self._open_rewards = array('d'), array('d')
         self._open_stamps = array('q')
+        self._open_actions: list[array] = []
 
 
 def _follows(sample: RewardSample, previous: RewardSample) -> bool:

@@ -15,7 +15,7 @@ import numpy as np
 from cmifs_ros.collect.selection_fields import fields_of
 from cmifs_ros.core import Episode
 
-from .file_format import CHUNK, MAGIC, VALUE, VERSION, Saved, record_header
+from .file_format import CHUNK, MAGIC, VALUE, VERSION, RecordHeader, Saved
 
 
 class EpisodeFile:
@@ -32,6 +32,7 @@ class EpisodeFile:
     Attributes
     ----------
     channel_names : tuple of str or None
+    action_names : tuple of str
     first_size, size : int
         Bytes at the beginning and now.
 
@@ -43,7 +44,7 @@ class EpisodeFile:
     """
 
     def __init__(self, path: str | os.PathLike, saved: Saved):
-        self.channel_names = saved.channel_names
+        self.channel_names, self.action_names = saved.channel_names, saved.action_names
         self._path, self._temporary = os.fspath(path), f'{os.fspath(path)}.tmp'
         Path(self._temporary).unlink(missing_ok=True)  # of a process that was killed
         # O_EXCL follows no link that somebody else has put there.
@@ -139,8 +140,10 @@ def set_aside(path: str | os.PathLike) -> str:
 
 
 def record(episode: Episode) -> bytes:
-    """Return what appends an episode to a file of its channels."""
-    content = b''.join([record_header(len(episode)), *_arrays(episode)])
+    """Return what appends an episode to a file of its channels and actions."""
+    source = episode.source.encode(errors='surrogateescape')
+    header = RecordHeader(len(episode), episode.actions.shape[1], len(source)).packed()
+    content = b''.join([header, source, *_arrays(episode)])
     return content + hashlib.sha256(content).digest()
 
 
@@ -151,9 +154,12 @@ def _chunks(saved: Saved) -> Iterator[bytes]:
     take it from them.
     """
     selection = saved.selection
+    places = {source: i for i, source in enumerate(dict.fromkeys(e.source for e in saved.episodes))}
     header = {
         'channels': saved.channel_names or (),
-        'lengths': [len(episode) for episode in saved.episodes],
+        'actions': saved.action_names,
+        'sources': list(places),
+        'episodes': [(len(e), e.actions.shape[1], places[e.source]) for e in saved.episodes],
         'selection': selection
         and fields_of(selection) | {'means': selection.means, 'spreads': selection.spreads},
         'selected_at': saved.selected_at,
@@ -170,4 +176,5 @@ def _chunks(saved: Saved) -> Iterator[bytes]:
 
 
 def _arrays(episode: Episode) -> list[bytes | memoryview]:
-    return [np.ascontiguousarray(v, VALUE).data for v in (episode.states, episode.rewards)]
+    arrays = (episode.states, episode.rewards, episode.actions)
+    return [np.ascontiguousarray(values, VALUE).data for values in arrays if values.size]

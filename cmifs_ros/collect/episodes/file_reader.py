@@ -8,7 +8,7 @@ import math
 import os
 from collections import deque
 from collections.abc import Sequence
-from typing import BinaryIO
+from typing import BinaryIO, NamedTuple
 
 import numpy as np
 
@@ -25,11 +25,11 @@ from .file_format import (
     MAX_FILE,
     MAX_HEADER,
     READABLE,
-    RECORD_HEADER_SIZE,
     VALUE,
     VERSION,
+    RecordHeader,
     Saved,
-    record_header,
+    record_header_size,
 )
 
 
@@ -66,6 +66,19 @@ def read_episodes(
         raise RefusedFileError(f'{os.fspath(path)} {error}') from None
 
 
+class _Place(NamedTuple):
+    """Where an episode stands: its first byte, and what it consists of."""
+
+    begin: int
+    length: int
+    num_actions: int = 0
+    source: str = ''
+
+    def nbytes(self, num_channels: int) -> int:
+        """Return the size of its arrays."""
+        return VALUE.itemsize * (num_channels + 1 + self.num_actions) * self.length
+
+
 def _read(file: BinaryIO, max_episodes: int | None, max_bytes: float) -> Saved:
     size = os.fstat(file.fileno()).st_size
     if size > MAX_FILE:
@@ -77,7 +90,8 @@ def _read(file: BinaryIO, max_episodes: int | None, max_bytes: float) -> Saved:
     try:
         header = json.loads(line)
         channel_names = names_of(header['channels'], MAX_CHANNELS)
-        lengths = [count_of(length, 1) for length in list_of(header['lengths'])]
+        action_names = names_of(header['actions'], MAX_CHANNELS) if version == VERSION else ()
+        described = _described(header, version, len(action_names))
         selection, fields = None, header['selection']
         is_read = version == VERSION and fields is not None
         if is_read and fields['version'] == selection_fields.VERSION:
@@ -85,32 +99,46 @@ def _read(file: BinaryIO, max_episodes: int | None, max_bytes: float) -> Saved:
             if not selection.names:
                 raise ValueError('a selection of nothing')
         selected_at = float(header['selected_at'])
-    except (ValueError, TypeError, KeyError, RecursionError, OverflowError) as error:
+    except (ValueError, TypeError, LookupError, RecursionError, OverflowError) as error:
         raise RefusedFileError(f'has a header that cannot be used: {error!r}') from None
-    step_size = VALUE.itemsize * (len(channel_names) + 1)
-    end = file.tell() + step_size * sum(lengths)
+    if described and not channel_names:
+        raise RefusedFileError(f'has {counted(len(described), "episode")} without channels')
+    places: deque[_Place] = deque(maxlen=max_episodes)
+    end = file.tell()
+    for length, num_actions, source in described:
+        place = _Place(end, length, num_actions, source)
+        places.append(place)
+        end += place.nbytes(len(channel_names))
     if size < end + DIGEST_SIZE:
         raise RefusedFileError(
             f'is truncated: it has {size} bytes; expected at least {end + DIGEST_SIZE}'
         )
-    if lengths and not channel_names:
-        raise RefusedFileError(f'has {counted(len(lengths), "episode")} without channels')
-    # The first byte and the length of each episode.
-    places: deque[tuple[int, int]] = deque(maxlen=max_episodes)
-    begin = file.tell()
-    for length in lengths:
-        places.append((begin, length))
-        begin += step_size * length
     _check_digest(file, 0, end)
     end += DIGEST_SIZE
-    while (found := _next_record(file, end, size, step_size)) is not None:
-        places.append((end + RECORD_HEADER_SIZE, found))
-        end += RECORD_HEADER_SIZE + step_size * found + DIGEST_SIZE
+    while found := _next_record(file, version, len(channel_names), len(action_names)):
+        places.append(found)
+        end = file.tell()
     try:
         episodes = _newest(file, places, len(channel_names), max_bytes)
     except ValueError as error:
         raise RefusedFileError(f'has an episode that cannot be used: {error}') from None
-    return Saved(channel_names or None, episodes, selection, selected_at, torn_bytes=size - end)
+    return Saved(channel_names or None, episodes, selection, selected_at, size - end, action_names)
+
+
+def _described(header: dict, version: int, num_actions: int) -> list[tuple[int, int, str]]:
+    """Return length, number of actions and source of each episode before the records."""
+    if version < VERSION:
+        return [(count_of(length, 1), 0, '') for length in list_of(header['lengths'])]
+    sources = list_of(header['sources'])
+    if not all(isinstance(source, str) for source in sources):
+        raise ValueError('a source that is no text')
+    described = []
+    for item in list_of(header['episodes']):
+        length, actions, source = map(count_of, list_of(item))
+        if actions not in (0, num_actions):
+            raise ValueError(f'an episode with {counted(actions, "action")} of {num_actions}')
+        described.append((count_of(length, 1), actions, sources[source]))
+    return described
 
 
 def _version(line: bytes) -> int:
@@ -131,33 +159,52 @@ def _check_digest(file: BinaryIO, begin: int, end: int) -> None:
         raise RefusedFileError(f'is corrupt: the checksum of its bytes {begin} to {end} differs')
 
 
-def _next_record(file: BinaryIO, begin: int, size: int, step_size: int) -> int | None:
-    """Return the length of the episode of a record, or None if there is no whole one."""
-    if size < begin + RECORD_HEADER_SIZE:
+def _next_record(
+    file: BinaryIO, version: int, num_channels: int, num_actions: int
+) -> _Place | None:
+    """Return the place of the episode of a record that begins here, None if it is not whole."""
+    header_size, size = record_header_size(version), os.fstat(file.fileno()).st_size
+    begin = file.tell()
+    if size < begin + header_size:
         return None
-    file.seek(begin)
-    header = file.read(RECORD_HEADER_SIZE)
-    length = int.from_bytes(header[:8], 'little')
-    if header != record_header(length) or length < 1 or step_size == VALUE.itemsize:
+    content = file.read(header_size)
+    header = RecordHeader.unpacked(content, version)
+    if (
+        content != header.packed(version)
+        or header.length < 1
+        or not num_channels
+        or header.num_actions not in (0, num_actions)
+    ):
         raise RefusedFileError(f'is corrupt: at byte {begin} there is no record of an episode')
-    end = begin + RECORD_HEADER_SIZE + step_size * length
+    place = _Place(begin + header_size + header.source_size, header.length, header.num_actions)
+    end = place.begin + place.nbytes(num_channels)
     if size < end + DIGEST_SIZE:
         return None
+    source = file.read(header.source_size).decode(errors='surrogateescape')
     _check_digest(file, begin, end)
-    return length
+    return place._replace(source=source)
 
 
 def _newest(
-    file: BinaryIO, places: Sequence[tuple[int, int]], num_channels: int, max_bytes: float
+    file: BinaryIO, places: Sequence[_Place], num_channels: int, max_bytes: float
 ) -> list[Episode]:
     episodes: list[Episode] = []
-    for begin, length in reversed(places):
-        nbytes = VALUE.itemsize * (num_channels + 1) * length
+    for place in reversed(places):
+        nbytes, length = place.nbytes(num_channels), place.length
         max_bytes -= nbytes
         if max_bytes < 0:
             break
-        file.seek(begin)
+        file.seek(place.begin)
         values = np.frombuffer(file.read(nbytes), VALUE)
-        states, rewards = np.split(values, [length * num_channels])
-        episodes.append(Episode(states.reshape(length, num_channels), rewards))
+        states, rewards, actions = np.split(
+            values, [length * num_channels, length * (num_channels + 1)]
+        )
+        episodes.append(
+            Episode(
+                states.reshape(length, num_channels),
+                rewards,
+                actions.reshape(length, place.num_actions),
+                place.source,
+            )
+        )
     return episodes[::-1]

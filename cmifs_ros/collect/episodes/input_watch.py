@@ -78,7 +78,7 @@ class InputWatch:
         self._logged_kind = ''
         self._logged_drops: Counter[str] = Counter()
         self._logged_at = -math.inf
-        self._said_cut = self._said_repeated = False
+        self._said_cut = self._said_repeated = self._said_partly_acting = False
 
     def look(self, now: float, topics: Mapping[str, Topic]) -> list[str]:
         """Assess the input at a time in seconds; return new messages worth a warning."""
@@ -186,6 +186,13 @@ class InputWatch:
                 'max_episode_steps or max_buffer_mb; if they end earlier, set `terminated` or '
                 '`truncated` in the reward messages'
             )
+        without = self._assembler.builder.num_partly_acting
+        if without and not self._said_partly_acting:
+            self._said_partly_acting = True
+            lines.append(
+                'an episode has an action at some of its steps only, and is kept without any: '
+                'publish an action with the stamp of each state'
+            )
         if self._buffer.num_repeated and not self._said_repeated:
             self._said_repeated = True
             lines.append(
@@ -222,6 +229,10 @@ def _problem_of_flow(topics: Mapping[str, Topic]) -> Assessment | None:
     reward = topics['reward']
     if reward.silence > SILENCE:
         what = f'states come, but no reward for {SILENCE:.0f} s{_without_publisher(reward)}'
+        return Assessment('WARN', 'silent', what)
+    action = topics.get('action')
+    if action is not None and SILENCE < action.silence < math.inf:
+        what = f'states come, but no action for {SILENCE:.0f} s{_without_publisher(action)}'
         return Assessment('WARN', 'silent', what)
     shared = [name for name, topic in topics.items() if len(topic.publishers) > 1]
     if shared:

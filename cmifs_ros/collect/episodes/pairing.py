@@ -1,4 +1,4 @@
-"""Pair states with rewards by their stamps, for episodes to be built of.
+"""Pair states with rewards and actions by their stamps, for episodes to be built of.
 
 Nothing here knows ROS: stamps are nanoseconds, and what is dropped is counted by cause, so
 that the node can report it and nothing disappears silently.
@@ -8,12 +8,14 @@ from __future__ import annotations
 
 from array import array
 from collections import Counter
+from functools import partial
 from itertools import chain, takewhile
 from typing import NamedTuple
 
 from cmifs_ros.core import Episode
 from cmifs_ros.core.words import listed
 
+from .action_pairing import ActionPairing
 from .builder import EpisodeBuilder, RewardSample
 from .state_reader import StateReader, problem_of_state
 
@@ -53,7 +55,7 @@ class Waiting(dict):
 
 
 class EpisodeAssembler:
-    """Build episodes from states and rewards that arrive as separate streams.
+    """Build episodes from states, rewards and actions that arrive as separate streams.
 
     A state and a reward belong together when their stamps are equal, or no further apart than
     `stamp_tolerance`. Once a pair is complete, older unpaired messages of either stream are lost
@@ -62,7 +64,7 @@ class EpisodeAssembler:
 
     Several nodes may publish parts of a state, each with channels of its own. The channels are
     those of the state to which the first reward belongs, whichever part came first; of several
-    with its stamp, those that are most.
+    with its stamp, those that are most. Actions need not be there, see `ActionPairing`.
 
     Parameters
     ----------
@@ -71,8 +73,10 @@ class EpisodeAssembler:
 
     Attributes
     ----------
+    actions : ActionPairing
+        Gives the pairs their actions.
     builder : EpisodeBuilder
-        Makes episodes of the pairs.
+        Makes episodes of them.
     reader : StateReader
         Knows the channels.
     stamp_tolerance : int
@@ -93,10 +97,12 @@ class EpisodeAssembler:
         self.dropped_messages: Counter[str] = Counter()
         self.last_drops = self.builder.last_drops
         self.reader = StateReader(self.drop_message)
+        self.actions = ActionPairing(self.builder, self.drop_message)
         self.clear()
 
     def clear(self) -> None:
         """Forget the open episode, all that waits, and the channels; keep the counts."""
+        self.actions.clear()
         self.builder.clear()
         self.reader.clear()
         self._states = Waiting()
@@ -107,8 +113,9 @@ class EpisodeAssembler:
 
     @property
     def num_pending(self) -> int:
-        """States and rewards that wait for their partner."""
-        return sum(map(len, (self._states, self._rewards, *self._first_states.values())))
+        """States and rewards that wait for their partner, and pairs for their action."""
+        waiting = (self._states, self._rewards, *self._first_states.values())
+        return sum(map(len, waiting)) + self.actions.num_waiting
 
     @property
     def channel_names(self) -> tuple[str, ...] | None:
@@ -238,10 +245,11 @@ class EpisodeAssembler:
         transition = Transition(self._states.pop(stamp), self._rewards.pop(stamp))
         last = self._last_paired
         if stamp == last:
-            self.builder.break_off('equal_stamps', _equal_stamps('state', stamp))
+            what = _equal_stamps('state', stamp)
+            self.actions.tell(partial(self.builder.break_off, 'equal_stamps', what))
         elif last is not None and stamp < last:
             # A replayed bag or a reset simulation. A single message that is late is no reason.
-            self.builder.set_back()
+            self.actions.tell(self.builder.set_back)
             for old in [s for s in self._states if s > last]:
                 self._discard_state(old, 'state_without_reward')
             for old in [s for s in self._rewards if s > last]:
@@ -256,13 +264,13 @@ class EpisodeAssembler:
                 self._discard_reward(old, 'too_late')
                 continue
             sample = self._discard_reward(old, 'reward_without_state')
-            self.builder.skip(sample)
+            self.actions.tell(partial(self.builder.skip, sample))
         self._last_paired = stamp
         self._recent[stamp] = transition
         if len(self._recent) > MAX_PENDING:
             del self._recent[next(iter(self._recent))]
         self.num_transitions += 1
-        return self.builder.add(transition.state, transition.sample, stamp)
+        return self.actions.add(transition.state, transition.sample, stamp)
 
     def _discard_state(self, stamp: int, cause: str, waiting: Waiting | None = None) -> None:
         del (self._states if waiting is None else waiting)[stamp]

@@ -6,6 +6,7 @@ from array import array
 from math import isfinite
 
 from cmifs_ros.collect.discount import Discount
+from cmifs_ros.core.targets import TARGETS
 from cmifs_ros.core.words import counted, listed
 
 from .pairing import RewardSample
@@ -15,20 +16,24 @@ class RewardReader:
     """Read reward messages, whose fields mostly stand where they stood in the one before.
 
     Only the field `reward` is required; those of other names than `RewardSample` and `Discount`
-    have are ignored.
+    have, and `target`, are ignored.
 
     Attributes
     ----------
     discount : Discount or None
         That of the newest message, if it has one.
+    target : str or None
+        The same; in messages it is its index in `TARGETS`.
 
     """
 
     def __init__(self):
         self.discount: Discount | None = None
+        self.target: str | None = None
         self._names: list[str] | None = None
         self._columns: list[int | None] = []
         self._discount_columns: dict[str, int] = {}
+        self._target_column: int | None = None
 
     def sample_of(self, names: list[str], values: array) -> RewardSample:
         """Return the sample of a message's names and values.
@@ -36,7 +41,8 @@ class RewardReader:
         Raises
         ------
         ValueError
-            If there are not as many of both, `reward` is missing, or a field is not finite.
+            If there are not as many of both, `reward` is missing, a field is not finite, or there
+            is no such target.
 
         """
         if len(names) != len(values):
@@ -51,6 +57,7 @@ class RewardReader:
             self._discount_columns = {
                 field: column_of[field] for field in ('gamma', 'half_life') if field in column_of
             }
+            self._target_column = column_of.get('target')
             self._columns = [column_of.get(field) for field in RewardSample._fields]
             self._names = names
         # One value that is not finite makes the sum so; finite ones do only if they are huge.
@@ -60,6 +67,8 @@ class RewardReader:
                     raise ValueError(f'{listed([name])} is {value}; expected a finite number')
         if self._discount_columns:
             self.discount = Discount(**{f: values[c] for f, c in self._discount_columns.items()})
+        if self._target_column is not None:
+            self.target = _target_of(values[self._target_column])
         reward, terminated, truncated, episode, step = self._columns
         return RewardSample(
             values[reward],
@@ -68,3 +77,10 @@ class RewardReader:
             None if episode is None else int(values[episode]),
             None if step is None else int(values[step]),
         )
+
+
+def _target_of(number: float) -> str:
+    if number not in range(len(TARGETS)):
+        known = ', '.join(f'{i} ({target})' for i, target in enumerate(TARGETS))
+        raise ValueError(f'target is {number:g}; expected {known}')
+    return TARGETS[int(number)]

@@ -81,19 +81,25 @@ class EpisodeSaver:
         """Size of the file."""
         return 0 if self._file is None else self._file.size
 
-    def append(self, episode: Episode, channel_names: tuple[str, ...]) -> bool:
+    def append(
+        self,
+        episode: Episode,
+        channel_names: tuple[str, ...],
+        action_names: tuple[str, ...] = (),
+    ) -> bool:
         """Append an episode to the file; return False if everything must be saved instead."""
+        names = channel_names, action_names
         with self._condition:
             saves = [save for save in (self._pending, self._writing) if save is not None]
             newest = saves[0].saved if saves else self._file
-            if self.error or newest is None or newest.channel_names != channel_names:
+            if self.error or newest is None or _names(newest) != names:
                 return False
             record = episode_file.record(episode)
             for save in saves:
-                if save.saved.channel_names == channel_names:
+                if _names(save.saved) == names:
                     save.records.append(record)
             file = self._file
-            if file is None or file.channel_names != channel_names:
+            if file is None or _names(file) != names:
                 return True
             try:
                 file.append(record)
@@ -171,6 +177,10 @@ class EpisodeSaver:
     def _fail(self, error: OSError | MemoryError) -> None:
         reason = getattr(error, 'strerror', None) or error
         self.error = f'{self.path} cannot be saved: {reason}'
+
+
+def _names(content: Saved | EpisodeFile) -> tuple:
+    return content.channel_names, content.action_names
 
 
 def _lock(path: str) -> int | None:

@@ -19,6 +19,8 @@ OWN_VALUES = frozenset({'step', 'succeeded', 'aborted', 'canceled'})
 RESERVED_NAMES = OWN_VALUES | set(FUNCTIONS) | {'before'}
 #: What may be made of all messages between two steps.
 SUMMARIES = ('mean', 'rms', 'min', 'max', 'std', 'count')
+#: What a source may be.
+CHANNEL, VALUE, ACTION = 'channel', 'value', 'action'
 #: What may tell which robot a bag is of.
 SOURCES = ('none', 'bag', 'folder')
 STATUS = '/_action/status'
@@ -45,8 +47,8 @@ class Source:
     one_hot : tuple of str
         The kinds that its value may be, whole numbers or words; a channel for each is 1 where it
         is the value, and else 0.
-    is_channel : bool
-        False: for reward and ends only.
+    role : str
+        One of `CHANNEL`, `VALUE`, for reward and ends only, and `ACTION`, what the robot does.
     over : tuple of str
         Of `SUMMARIES`, what is made of its messages between two steps; none: the newest counts.
 
@@ -58,7 +60,7 @@ class Source:
     max_age: float = 1.0
     inf: str | None = None
     one_hot: tuple[str, ...] = ()
-    is_channel: bool = True
+    role: str = CHANNEL
     over: tuple[str, ...] = ()
 
     @property
@@ -123,7 +125,7 @@ class RobotFile:
         so many a second.
     sources : tuple of Source
     reward, terminated, truncated : Expression, FieldPath or None
-        A path stands for what its topic says until the next step.
+        A path stands for what its topic says until the next step. Without a reward, steps have 0.
     action : str or None
         An episode is a goal of it.
     steps : int or None
@@ -134,13 +136,15 @@ class RobotFile:
         How far ahead the return looks, if the file says so.
     source : str
         What tells which robot a bag is of: one of `SOURCES`.
+    target : str or None
+        What sensors are selected for: one of `TARGETS`, if the file says so.
 
     """
 
     step_topic: str | None
     rate: float | None
     sources: tuple[Source, ...]
-    reward: Expression | FieldPath
+    reward: Expression | FieldPath | None
     terminated: Expression | FieldPath | None = None
     truncated: Expression | FieldPath | None = None
     action: str | None = None
@@ -148,16 +152,25 @@ class RobotFile:
     types: dict[str, str] | None = None
     discount: Discount | None = None
     source: str = 'none'
+    target: str | None = None
 
     @property
     def channel_names(self) -> tuple[str, ...]:
         """The channels of a state, in order."""
-        return tuple(name for s in self.sources if s.is_channel for name in s.names)
+        return self._names_of(CHANNEL)
+
+    @property
+    def action_names(self) -> tuple[str, ...]:
+        """The values of an action, in order."""
+        return self._names_of(ACTION)
+
+    def _names_of(self, role: str) -> tuple[str, ...]:
+        return tuple(name for s in self.sources if s.role == role for name in s.names)
 
     @property
     def channel_topics(self) -> dict[str, str]:
         """The topic of each channel."""
-        return {name: s.path.topic for s in self.sources if s.is_channel for name in s.names}
+        return {name: s.path.topic for s in self.sources if s.role == CHANNEL for name in s.names}
 
     @property
     def groups(self) -> dict[str, tuple[str, ...]]:
@@ -170,13 +183,13 @@ class RobotFile:
         return self.topics_for([source.name for source in self.sources])
 
     def topics_for(self, channels: Collection[str]) -> tuple[str, ...]:
-        """Return the topics that some channels, steps, reward and ends need, each once."""
+        """Return the topics that some channels, actions, steps, reward and ends need."""
         rules = (self.reward, self.terminated, self.truncated)
         names = set(channels).union(*(r.names for r in rules if isinstance(r, Expression)))
         paths = [
             source.path
             for source in self.sources
-            if not names.isdisjoint((source.name, *source.names))
+            if source.role == ACTION or not names.isdisjoint((source.name, *source.names))
         ]
         paths += [rule for rule in rules if isinstance(rule, FieldPath)]
         own = [self.step_topic] if self.step_topic else []

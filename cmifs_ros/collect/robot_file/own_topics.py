@@ -14,7 +14,7 @@ from cmifs_ros.collect.episodes.builder import RewardSample
 MAX_STAMPS = 1000
 _STATE = 'sensor_msgs/msg/JointState'
 _INDICES = 'std_msgs/msg/Int32MultiArray'
-_REWARD_FIELDS = {*RewardSample._fields, 'action', 'gamma', 'half_life'}
+_REWARD_FIELDS = {*RewardSample._fields, 'action', 'gamma', 'half_life', 'target'}
 #: Topics of the selector, and beside a reward those of whoever publishes it, by their last part.
 _OF_SELECTOR = {
     'selected_state': _STATE,

@@ -8,11 +8,21 @@ from pathlib import Path
 import yaml
 
 from cmifs_ros.collect.discount import Discount
+from cmifs_ros.core import targets
 from cmifs_ros.core.channel_names import problem_of_names
 
 from .expression import Expression
 from .field_path import FieldPath
-from .model import OWN_VALUES, RESERVED_NAMES, SOURCES, RobotFile, Source
+from .model import (
+    ACTION,
+    CHANNEL,
+    OWN_VALUES,
+    RESERVED_NAMES,
+    SOURCES,
+    VALUE,
+    RobotFile,
+    Source,
+)
 from .source_reader import SourceReader
 from .yaml_nodes import shown
 
@@ -25,7 +35,10 @@ _NEEDED = {
     'reward': 'what pays, such as reward: "before(distance) - distance"; make_robot_file leaves '
     'that to you, as a TODO',
 }
-_KEYS = ('step', 'channels', 'values', 'reward', 'episode', 'discount', 'source')
+_ACTIONS = {'actions': 'what the robot does, each as name: /topic.field'}
+_KEYS = (
+    'step', 'channels', 'actions', 'values', 'reward', 'episode', 'discount', 'source', 'target',
+)  # fmt: skip
 
 
 class RobotFileError(ValueError):
@@ -98,8 +111,8 @@ class _FileReader(SourceReader):
             self.note(
                 node,
                 f'{what} uses {", ".join(sorted(rule.names - known))[:60]}; expected names of '
-                'channels or values that are single numbers (of an array or of kinds, name '
-                f'the number you mean as a value): {", ".join(sorted(known))[:300]}',
+                'channels, actions or values that are single numbers (of an array or of kinds, '
+                f'name the number you mean as a value): {", ".join(sorted(known))[:300]}',
             )
         return rule
 
@@ -130,9 +143,9 @@ class _FileReader(SourceReader):
         )
 
     def _sources(self, top: dict) -> tuple[list[Source | None], set[str]]:
-        """Return channels and values, None where one has a mistake, and the names of all."""
+        """Return all sources, None where one has a mistake, and the names of all."""
         sources, keys = [], set()
-        for section, is_channel in (('channels', True), ('values', False)):
+        for section, role in (('channels', CHANNEL), ('actions', ACTION), ('values', VALUE)):
             if section in top:
                 for name, node in self.mapping(top[section], section, None).items():
                     if name in RESERVED_NAMES:
@@ -141,15 +154,17 @@ class _FileReader(SourceReader):
                             'expressions; expected another name',
                         )  # fmt: skip
                     elif name in keys:
-                        self.note(node, f'values has {name[:60]!r}, which is a channel already')
+                        self.note(node, f'{section} has {name[:60]!r}, which stands above already')
                     keys.add(name)
-                    sources.append(self.source(name, node, is_channel))
+                    sources.append(self.source(name, node, role))
         return sources, keys
 
     def robot(self, root) -> RobotFile | None:
         """Read everything; None if a mistake leaves no robot."""
         top = self.mapping(root, 'the file', _KEYS)
-        for key, example in _NEEDED.items():
+        source = self.choice(top['source'], 'source', SOURCES) if 'source' in top else SOURCES[0]
+        target = self.choice(top['target'], 'target', targets.TARGETS) if 'target' in top else None
+        for key, example in _needed_for(target).items():
             if key not in top and root is not None:
                 line = max(root.end_mark.line, 1)
                 self.mistakes.append((line, f'the file has no {key!r}; add {example}'))
@@ -157,8 +172,9 @@ class _FileReader(SourceReader):
         sources, keys = self._sources(top)
         found = tuple(source for source in sources if source is not None)
         names = [name for source in found for name in source.names]
-        if 'channels' in top and not sources:
-            self.note(top['channels'], 'no channels; expected at least one')
+        for key in ('channels', 'actions'):
+            if key in top and isinstance(top[key], yaml.MappingNode) and not top[key].value:
+                self.note(top[key], f'no {key}; expected at least one')
         problem = problem_of_names(names)
         if problem:
             self.note(top.get('channels'), f'the channels have {problem}')
@@ -178,13 +194,17 @@ class _FileReader(SourceReader):
         action = self.path(episode['action'], 'episode.action') if 'action' in episode else None
         steps = self.number(episode.get('steps'), 'episode.steps', 1, 10**6)
         discount = self._discount(top['discount']) if 'discount' in top else None
-        source = top['source'].value if 'source' in top else SOURCES[0]
-        if source not in SOURCES:
-            expected = ', '.join(SOURCES)
-            self.note(top['source'], f'source is {shown(top["source"])}; expected {expected}')
         if self.mistakes:
             return None
         return RobotFile(
             clock, rate, found, reward, terminated, truncated,
             action.topic if action else None, steps and int(steps), self.types, discount, source,
+            target,
         )  # fmt: skip
+
+
+def _needed_for(target: str | None) -> dict[str, str]:
+    """Return what a file must have, with examples: for the action as target no reward."""
+    if target != targets.ACTION:
+        return _NEEDED
+    return {key: example for key, example in _NEEDED.items() if key != 'reward'} | _ACTIONS

@@ -9,7 +9,7 @@ import yaml
 
 from cmifs_ros.core.words import first
 
-from .model import SUMMARIES, Source
+from .model import SUMMARIES, VALUE, Source
 from .yaml_nodes import Nodes, shown
 
 _KEYS = ('path', 'as', 'max_age', 'inf', 'one_hot', 'over', 'type')
@@ -20,7 +20,7 @@ _WORD = re.compile(r'[A-Za-z_][^.\[\]]*')
 
 
 class SourceReader(Nodes):
-    """Read channels and values.
+    """Read channels, actions and values.
 
     Attributes
     ----------
@@ -40,11 +40,11 @@ class SourceReader(Nodes):
         elif self.types.setdefault(topic, node.value) != node.value:
             self.note(node, f'{what} is {shown(node)}; expected {self.types[topic]} as above')
 
-    def source(self, name: str, node, is_channel: bool) -> Source | None:
-        """Return a channel or a value, None if a mistake leaves none."""
+    def source(self, name: str, node, role: str) -> Source | None:
+        """Return a source of this role, None if a mistake leaves none."""
         if isinstance(node, yaml.ScalarNode):
             path = self.path(node, name)
-            return self._checked(Source(name, path, is_channel=is_channel), node) if path else None
+            return self._checked(Source(name, path, role=role), node) if path else None
         parts = self.mapping(node, name, _KEYS)
         if 'path' not in parts:
             self.note(node, f'{name} has no path')
@@ -66,7 +66,7 @@ class SourceReader(Nodes):
             self.note(node, f'{name} is a yaw of several values; expected one quaternion')
             return None
         kinds = self._kinds(parts['one_hot'], name) if 'one_hot' in parts else ()
-        if kinds and (len(path.suffixes) > 1 or kind or inf or not is_channel):
+        if kinds and (len(path.suffixes) > 1 or kind or inf or role == VALUE):
             self.note(
                 node,
                 f'{name} has one_hot; expected a channel of a single value, without as and inf. '
@@ -80,9 +80,7 @@ class SourceReader(Nodes):
                 f'{name} has over; expected numbers, without as and one_hot, and for several '
                 'summaries a single value',
             )
-        source = Source(
-            name, path, kind is not None, max_age, inf and inf.value, kinds, is_channel, over
-        )
+        source = Source(name, path, kind is not None, max_age, inf and inf.value, kinds, role, over)
         return self._checked(source, node)
 
     def _over(self, node, name: str) -> tuple[str, ...]:

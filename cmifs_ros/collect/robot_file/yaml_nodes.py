@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import yaml
 
@@ -54,6 +55,13 @@ class Nodes:
             self.note(node, f'{what} is {shown(node)}; expected a number from {low} to {high}')
             return default
         return value
+
+    def choice(self, node, what: str, choices: Sequence[str]) -> str:
+        """Return one of some words, or the first if it is none of them."""
+        if not isinstance(node, yaml.ScalarNode) or node.value not in choices:
+            self.note(node, f'{what} is {shown(node)}; expected {", ".join(choices)}')
+            return choices[0]
+        return node.value
 
     def path(self, node, what: str) -> FieldPath | None:
         """Return a path, or None if it is none."""

@@ -86,7 +86,7 @@ class MissingValues:
             As the attribute, or of some of the steps.
 
         """
-        of = {name: (s.path.topic, s.is_channel) for name, s in self._sources.items()}
+        of = {name: (s.path.topic, s.role) for name, s in self._sources.items()}
         sizes = Counter(of.values())
         alike: dict[tuple, list[str]] = {}
         for (name, why), count in counts.items():
@@ -96,9 +96,8 @@ class MissingValues:
         for (origin, count, why), names in alike.items():
             what = names[0]
             if len(names) > 1:
-                topic, is_channel = origin
-                noun = 'channel' if is_channel else 'value'
-                what = f'{counted(len(names), noun)} of {topic}'
+                topic, role = origin
+                what = f'{counted(len(names), role)} of {topic}'
                 what += f' ({listed(names)})' if len(names) < sizes[origin] else ''
             words[f'{what}: {why}'] = count
         return words

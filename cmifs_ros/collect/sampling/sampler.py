@@ -14,20 +14,17 @@ from typing import NamedTuple
 from cmifs_ros.collect.episodes.builder import RewardSample
 from cmifs_ros.collect.episodes.end_counts import EndCounts
 from cmifs_ros.collect.robot_file.expression import Expression
-from cmifs_ros.collect.robot_file.model import (
-    OWN_VALUES,
-    RobotFile,
-    Source,
-)
+from cmifs_ros.collect.robot_file.model import ACTION, CHANNEL, OWN_VALUES, RobotFile, Source
 from cmifs_ros.core.words import listed
 
 from . import missing_values
 from .episode_ends import EpisodeEnds
 from .event_order import CLOCK_SET, SECOND, EventOrder, Moment
+from .held_values import HeldValues
 from .message_reader import MessageReader
 from .missing_values import MissingValues
 from .step import SilentTail, Step
-from .summaries import Summary
+from .taken_actions import TakenActions
 
 #: When nothing has come for so long after an end was told, no step is waited for.
 QUIET = 2 * SECOND
@@ -87,16 +84,14 @@ class Sampler:
         self.num_steps = 0
         self.num_between = 0
         self._episode = 0
-        self._held: dict[str, tuple[float, list[float]]] = {}
+        self._held = HeldValues(s for s in robot.sources if s.role != ACTION)
+        self._actions = TakenActions(s for s in robot.sources if s.role == ACTION)
         self._begin_anew()
 
     def _begin_anew(self) -> None:
         """Forget what was before the clock was set, but for what is latched."""
-        latched = {source.name for source in self._robot.sources if source.max_age == math.inf}
-        self._held = {
-            name: (-math.inf, values) for name, (_, values) in self._held.items() if name in latched
-        }
-        self._summaries = {s.name: Summary(s) for s in self._robot.sources if s.over}
+        self._held.begin_anew()
+        self._actions.begin_anew()
         self.missing.forget_times()
         self._end.begin_anew()
         self._last_time: int | None = None  # Of the newest message that was worked through.
@@ -180,9 +175,8 @@ class Sampler:
         for message in moment.messages:
             content = message.content
             self.missing.heard(message.topic, time, content.values)
-            self._held |= {name: (time, values) for name, values in content.values.items()}
-            for name in content.values.keys() & self._summaries.keys():
-                self._summaries[name].add(content.values[name])
+            self._held.hear(time, content.values)
+            self._actions.hear(time, content.values)
             if content.reward is not None:
                 self._sum += content.reward
                 self._has_reward = True
@@ -213,6 +207,7 @@ class Sampler:
         if self._period is not None:
             self._last_time = self._next_tick
             return self._tick(self._next_tick + 1)
+        self._actions.pass_on()
         # By the time of the step before, as that of a message without a stamp is not exact.
         return self._make_step(self._left.time) if self._end.is_announced else []
 
@@ -221,14 +216,22 @@ class Sampler:
         self._is_news = False
         reached, values = self._look(time)
         left, before = self._left, self._before
+        action = self._actions.of_step(left.time if left else time, time)
         if left is None:
             self._before = values | _OWN
             self._begin(reached, before)
             return []
         self._step += 1
+        if action.lacking:
+            for source, cause in action.lacking.items():
+                self.missing.counts[source.name, cause] += 1
+            left = left._replace(state=None, lacking=(*left.lacking, *action.lacking))
+        else:
+            values |= zip(self._robot.action_names, action.values, strict=True)
         values |= {'step': float(self._step)} | self._end.goal_ends
         has_ended = self._end.look(values, before, is_open=True)
-        steps = self._transition(left, reached, self._reward(values, before), has_ended)
+        reward = self._reward(values, before)
+        steps = self._transition(left, action.values, reached, reward, has_ended)
         if has_ended:
             self._episode += 1
             self._before = values | _OWN
@@ -241,7 +244,7 @@ class Sampler:
         return steps
 
     def _transition(
-        self, left: _Left, reached: _Left, reward: float, has_ended: bool
+        self, left: _Left, action: array, reached: _Left, reward: float, has_ended: bool
     ) -> list[Step]:
         """Return the steps that are complete with that from `left` to `reached`."""
         end, steps = self._end, []
@@ -257,7 +260,7 @@ class Sampler:
             sample = RewardSample(
                 reward, end.terminated, end.truncated, self._episode, self._step - 1
             )
-            step = Step(left.time, left.state, sample)
+            step = Step(left.time, left.state, sample, action)
             if reached.state is None and not has_ended:
                 self._tail = SilentTail(step, reached.lacking, self._num_whole)
             else:
@@ -303,30 +306,19 @@ class Sampler:
         """Return what there is at a time, and all values by name."""
         self.num_moments += 1
         state, lacking = array('d'), []
-        values: dict[str, float] = {}
-        for source in self._robot.sources:
-            held, cause = self._values_of(source, time)
+        values = dict.fromkeys(self._robot.action_names, math.nan)
+        for source in self._held.sources:
+            held, cause = self._held.of(source, time)
             if cause is not None:
                 self.missing.counts[source.name, cause] += 1
                 values |= dict.fromkeys((source.name, *source.names), math.nan)
-                if source.is_channel:
+                if source.role == CHANNEL:
                     lacking.append(source)
                 continue
-            if source.is_channel:
+            if source.role == CHANNEL:
                 state.extend(held)
             values |= zip(source.names, held, strict=True)
         return _Left(time, None if lacking else state, tuple(lacking)), values
-
-    def _values_of(self, source: Source, time: int) -> tuple[list[float], str | None]:
-        """Return what a source tells at a time, and if that is of no use, why."""
-        summary = self._summaries.get(source.name)
-        if summary is not None and summary.is_known:
-            return summary.take(), None
-        since, held = self._held.get(source.name, (None, []))
-        cause = missing_values.cause(source, since, held, time)
-        if summary is not None and cause is None:
-            held = summary.take_of(held)
-        return held, cause
 
     def _reward(self, values: dict, before: dict) -> float:
         if isinstance(self._robot.reward, Expression):

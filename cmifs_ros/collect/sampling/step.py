@@ -15,11 +15,15 @@ _SHARE = 2
 
 
 class Step(NamedTuple):
-    """One step: nanoseconds, values in the order of `RobotFile.channel_names`, and its reward."""
+    """One step: nanoseconds, what there was, what was paid for it and what the robot did.
+
+    State and action are in the order of `RobotFile.channel_names` and `action_names`.
+    """
 
     stamp: int
     state: array
     sample: RewardSample
+    action: array
 
 
 class SilentTail:

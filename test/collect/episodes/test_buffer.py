@@ -63,3 +63,10 @@ def test_the_same_episode_again_is_counted_and_not_kept_while_it_is_held():
     assert buffer.append(episode(value=3))
     assert buffer.append(episode(value=1))
     assert buffer.num_repeated == 1
+
+
+def test_the_same_states_and_rewards_by_other_actions_are_another_episode():
+    buffer = EpisodeBuffer()
+    for actions, is_new in ((None, True), ([0, 1, 0], True), ([0, 1, 1], True), ([0, 1, 0], False)):
+        assert buffer.append(Episode(np.ones((3, 2)), np.zeros(3), actions)) == is_new
+    assert buffer.nbytes == (3 * (2 * 3 + 3) + 2 * 3) * 8

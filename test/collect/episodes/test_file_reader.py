@@ -22,7 +22,7 @@ from cmifs_ros.core import Episode
 
 def sealed(text, data=b''):
     """Return a file with the right checksum, whatever it says."""
-    content = b'cmifs_ros episodes 4\n' + text.encode() + b'\n' + data
+    content = b'cmifs_ros episodes 5\n' + text.encode() + b'\n' + data
     return content + hashlib.sha256(content).digest()
 
 
@@ -35,33 +35,41 @@ def test_what_was_written_is_read(tmp_path, data):
     finite = st.floats(allow_nan=False, allow_infinity=False)
     sent = []
     for length in data.draw(st.lists(st.integers(1, 5), max_size=4)):
-        values = data.draw(hnp.arrays(float, (length, len(names) + 1), elements=finite))
-        sent.append(Episode(values[:, 1:], values[:, 0]))
+        values = data.draw(hnp.arrays(float, (length, len(names) + 3), elements=finite))
+        # Some episodes have no actions.
+        actions = values[:, :2] if data.draw(st.booleans()) else None
+        source = data.draw(st.sampled_from(['', 'robot 1', 'Zoë/\udcff']))
+        sent.append(Episode(values[:, 3:], values[:, 2], actions, source))
     path = tmp_path / 'episodes'
     num_appended = data.draw(st.integers(0, len(sent)))
     first = sent[: len(sent) - num_appended]
-    episode_file.write(path, Saved(tuple(names), first, SELECTION, 12.5))
+    saved = Saved(tuple(names), first, SELECTION, 12.5, action_names=('drive', 'turn'))
+    episode_file.write(path, saved)
     with path.open('ab') as file:
         file.writelines(map(episode_file.record, sent[len(first) :]))
     got = read_episodes(path, **ENOUGH)
     assert (got.channel_names, got.selection, got.selected_at) == (tuple(names), SELECTION, 12.5)
-    assert got.torn_bytes == 0
+    assert (got.action_names, got.torn_bytes) == (('drive', 'turn'), 0)
     assert len(got.episodes) == len(sent)
     assert all(map(same, got.episodes, sent))
     assert os.listdir(tmp_path) == ['episodes']
 
 
-@pytest.mark.parametrize('version', [2, 3])
+@pytest.mark.parametrize('version', [2, 3, 4])
 def test_an_older_file_is_read_without_its_selection(tmp_path, version):
-    path, (sent,) = tmp_path / 'episodes', episodes(1)
+    path, (first, second) = tmp_path / 'episodes', episodes(2)
     selection = {'indices': [1], 'names': ['b'], 'ranking': ['b', 'a'], 'scores': [0.5, 0.4]}
     header = {'channels': NAMES, 'lengths': [4], 'selection': selection, 'selected_at': 1.0}
-    content = f'cmifs_ros episodes {version}\n{json.dumps(header)}\n'.encode()
-    content += sent.states.tobytes() + sent.rewards.tobytes()
-    path.write_bytes(content + hashlib.sha256(content).digest())
+    whole = f'cmifs_ros episodes {version}\n{json.dumps(header)}\n'.encode()
+    whole += first.states.tobytes() + first.rewards.tobytes()
+    record = (4).to_bytes(8, 'little')
+    record += zlib.crc32(record).to_bytes(4, 'little')
+    record += second.states.tobytes() + second.rewards.tobytes()
+    path.write_bytes(b''.join(part + hashlib.sha256(part).digest() for part in (whole, record)))
     found = read_episodes(path, **ENOUGH)
-    assert found.selection is None
-    assert all(map(same, found.episodes, [sent]))
+    assert (found.selection, found.action_names, found.torn_bytes) == (None, (), 0)
+    assert len(found.episodes) == 2
+    assert all(map(same, found.episodes, [first, second]))
 
 
 def test_a_selection_in_an_older_form_is_not_read_but_the_episodes_are(tmp_path):
@@ -143,7 +151,7 @@ def test_a_record_with_right_checksums_is_not_believed_either(tmp_path):
     path = tmp_path / 'x'
 
     def read(names, length, values):
-        header = length.to_bytes(8, 'little')
+        header = length.to_bytes(8, 'little') + bytes(8)
         header += zlib.crc32(header).to_bytes(4, 'little')
         content = header + np.array(values).tobytes()
         episode_file.write(path, Saved(names, ()))
@@ -155,7 +163,7 @@ def test_a_record_with_right_checksums_is_not_believed_either(tmp_path):
     for names, length, values in ((('a',), 0, []), (None, 1, [0.0]), (('a',), 1, [0.0, np.inf])):
         with pytest.raises(RefusedFileError):
             read(names, length, values)
-    assert read(('a',), 2**63, [0.0, 0.0]).torn_bytes == 60  # nothing of that size is allocated
+    assert read(('a',), 2**63, [0.0, 0.0]).torn_bytes == 68  # nothing of that size is allocated
 
 
 class Bomb:
@@ -169,8 +177,8 @@ class Bomb:
         (b'', 'is no episodes file'),
         (b'%PDF-1.7 thesis', 'is no episodes file'),
         (pickle.dumps(Bomb()), 'is no episodes file'),
-        (b'cmifs_ros episodes 1\n{}\n', 'is of format version 1; expected 4'),
-        (b'cmifs_ros episodes 5\n', 'is of format version 5; expected 4'),
+        (b'cmifs_ros episodes 1\n{}\n', 'is of format version 1; expected 5'),
+        (b'cmifs_ros episodes 6\n', 'is of format version 6; expected 5'),
         (b'cmifs_ros episodes 2\n{"channels": []', 'is truncated'),
     ],
 )
@@ -182,7 +190,10 @@ def test_other_files_are_refused_and_run_nothing(tmp_path, monkeypatch, content,
     assert os.listdir(tmp_path) == ['x']
 
 
-HEADER = {'channels': ['a'], 'lengths': [1], 'selection': None, 'selected_at': 0.0}
+HEADER = {
+    'channels': ['a'], 'actions': [], 'sources': [''], 'episodes': [[1, 0, 0]],
+    'selection': None, 'selected_at': 0.0,
+}  # fmt: skip
 
 
 @pytest.mark.parametrize(
@@ -193,13 +204,19 @@ HEADER = {'channels': ['a'], 'lengths': [1], 'selection': None, 'selected_at': 0
         {'channels': ['a' * 257]},
         {'channels': [str(n) for n in range(5000)]},
         {'channels': 'a'},
-        {'channels': [], 'lengths': [2]},
-        {'lengths': [-1]},
-        {'lengths': [0]},
-        {'lengths': [1.0]},
-        {'lengths': [10**15]},
-        {'lengths': [10**400]},
-        {'lengths': None},
+        {'channels': [], 'episodes': [[2, 0, 0]]},
+        {'episodes': [[-1, 0, 0]]},
+        {'episodes': [[0, 0, 0]]},
+        {'episodes': [[1.0, 0, 0]]},
+        {'episodes': [[10**15, 0, 0]]},
+        {'episodes': [[10**400, 0, 0]]},
+        {'episodes': [[1, 1, 0]]},
+        {'episodes': [[1, 0, 1]]},
+        {'episodes': [[1, 0]]},
+        {'episodes': [1]},
+        {'episodes': None},
+        {'sources': [1]},
+        {'actions': ['b', 'b']},
         {'selection': {}},
         {'selection': fields_of(SELECTION) | {'indices': [10**9]}},
         {'selection': fields_of(SELECTION) | {'means': [1.0]}},

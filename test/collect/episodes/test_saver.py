@@ -12,6 +12,7 @@ from saved_episodes import ENOUGH, NAMES, episodes, same, wait_until
 from cmifs_ros.collect.episodes.file_format import Saved
 from cmifs_ros.collect.episodes.file_reader import read_episodes
 from cmifs_ros.collect.episodes.saver import EpisodeSaver
+from cmifs_ros.core import Episode
 
 
 def test_the_newest_is_saved_and_the_last_save_is_finished(tmp_path):
@@ -44,11 +45,15 @@ def test_what_was_appended_is_in_the_file_already_and_joins_the_next_one(tmp_pat
     assert not saver.append(sent[0], ('d', 'e'))  # Other channels need another file.
     saver.save(Saved(('d', 'e'), ()))
     assert saver.append(sent[0], ('d', 'e'))
+    acting = Episode(sent[0].states, sent[0].rewards, [0, 1, 0, 1], 'robot 1')
+    assert not saver.append(acting, ('d', 'e'), ('turn',))  # So do actions.
+    saver.save(Saved(('d', 'e'), sent[:1], action_names=('turn',)))
+    assert saver.append(acting, ('d', 'e'), ('turn',))
     saver.stop()
     assert saver.error == ''
     got = read_episodes(path, **ENOUGH)
-    assert got.channel_names == ('d', 'e')
-    assert list(map(len, got.episodes)) == [4]
+    assert (got.channel_names, got.action_names) == (('d', 'e'), ('turn',))
+    assert all(map(same, got.episodes, [sent[0], acting]))
 
 
 def test_killed_at_any_moment_nothing_that_was_appended_is_lost(tmp_path):

@@ -1,0 +1,160 @@
+"""Give each step its action, by the stamp of its state, before an episode is built of it."""
+
+from __future__ import annotations
+
+from array import array
+from collections import deque
+from collections.abc import Callable, Sequence
+from functools import partial
+from itertools import takewhile
+from math import isfinite
+from typing import NamedTuple
+
+from cmifs_ros.core import Episode
+from cmifs_ros.core.channel_names import problem_of_names
+from cmifs_ros.core.words import counted, listed
+
+from .builder import EpisodeBuilder, RewardSample
+
+#: Steps that wait for their actions, and actions that wait for their steps.
+_MAX_WAITING = 100
+_MAX_ACTIONS = 1000
+
+
+class _Waiting(NamedTuple):
+    """What the builder is told in its turn: a step, of a stamp, when there were so many actions."""
+
+    hand_on: Callable
+    stamp: int | None = None
+    num_actions: int = 0
+
+
+class ActionPairing:
+    """Hand steps on to a builder, with their actions where there are any.
+
+    A step waits until its action is here, or a later one, or too many steps wait. Where nobody
+    publishes actions, no step waits.
+
+    Parameters
+    ----------
+    builder : EpisodeBuilder
+    drop : callable
+        Called with the cause and a sentence for each action that is of no use.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Of the values of an action: those of the first; empty while there was none.
+    tolerance : int
+        Nanoseconds by which the stamps of a state and its action may differ.
+    num_without : int
+        Steps without an action, since the first action.
+
+    """
+
+    def __init__(self, builder: EpisodeBuilder, drop: Callable[[str, str], None]):
+        self._builder, self._drop = builder, drop
+        self.tolerance = 0
+        self.num_without = 0
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget the names and all that waits; keep the count."""
+        self.names: tuple[str, ...] = ()
+        self._expects = False
+        self._actions: dict[int, array] = {}
+        self._num_actions, self._newest = 0, 0  # How many there were, and the stamp of the last.
+        self._waiting: deque[_Waiting] = deque()
+
+    @property
+    def num_waiting(self) -> int:
+        """Steps that wait for their actions."""
+        return len(self._waiting)
+
+    def expect(self, is_published: bool) -> list[Episode]:
+        """Note whether somebody publishes actions; return the episodes that waited, if nobody."""
+        self._expects = is_published
+        return self._release()
+
+    def add_action(
+        self, stamp: int, names: Sequence[str], values: Sequence[float]
+    ) -> list[Episode]:
+        """Take an action; return the episodes that it completes."""
+        problem = self._problem_of(names, values)
+        if problem is not None:
+            self._drop(*problem)
+            return []
+        self.names = self.names or tuple(names)
+        value_of = dict(zip(names, values, strict=True))
+        if len(self._actions) >= _MAX_ACTIONS:
+            del self._actions[next(iter(self._actions))]
+        self._actions[stamp] = array('d', [value_of[name] for name in self.names])
+        self._num_actions, self._newest = self._num_actions + 1, stamp
+        self._expects = True
+        return self._release()
+
+    def add(self, state: Sequence[float], sample: RewardSample, stamp: int) -> list[Episode]:
+        """Hand a step on, as soon as its action is known; return what episodes are complete."""
+        hand_on = partial(self._builder.add, state, sample, stamp)
+        self._waiting.append(_Waiting(hand_on, stamp, self._num_actions))
+        if len(self._waiting) > _MAX_WAITING:
+            self._expects = False  # Until there is one.
+        return self._release()
+
+    def tell(self, what: Callable[[], None]) -> None:
+        """Call something of the builder when all steps before were handed on."""
+        if self._waiting:
+            self._waiting.append(_Waiting(what))
+        else:
+            what()
+
+    def _release(self) -> list[Episode]:
+        episodes: list[Episode] = []
+        while self._waiting:
+            waiting = self._waiting[0]
+            if waiting.stamp is None:
+                waiting.hand_on()
+            else:
+                at = self._action_at(waiting.stamp)
+                if at is None and self._expects and not self._has_passed(waiting):
+                    break
+                self.num_without += at is None and bool(self.names)
+                episodes += waiting.hand_on(() if at is None else self._actions.pop(at))
+                self._forget_before(waiting.stamp)
+            self._waiting.popleft()
+        return episodes
+
+    def _forget_before(self, stamp: int) -> None:
+        for old in list(takewhile(lambda other: other < stamp, self._actions)):
+            del self._actions[old]
+
+    def _action_at(self, stamp: int) -> int | None:
+        """Return the stamp of the action of a step."""
+        if stamp in self._actions or not self.tolerance:
+            return stamp if stamp in self._actions else None
+        nearest = min(self._actions, key=lambda other: abs(other - stamp), default=None)
+        is_near = nearest is not None and abs(nearest - stamp) <= self.tolerance
+        return nearest if is_near else None
+
+    def _has_passed(self, waiting: _Waiting) -> bool:
+        """Whether an action of a later step has come since a step waits."""
+        is_later = self._newest > waiting.stamp + self.tolerance
+        return is_later and self._num_actions > waiting.num_actions
+
+    def _problem_of(self, names, values) -> tuple[str, str] | None:
+        """Return the cause and a sentence if an action is of no use."""
+        if len(names) != len(values) or not names:
+            values_for_names = f'{counted(len(values), "value")} for {counted(len(names), "name")}'
+            return 'malformed_action', f'an action has {values_for_names}'
+        if self.names and set(names) != set(self.names):
+            return (
+                'wrong_actions',
+                f'an action has the values {listed(names)}; expected {listed(self.names)}',
+            )
+        problem = problem_of_names(names)
+        if problem:
+            return 'malformed_action', f'an action has {problem}'
+        for name, value in zip(names, values, strict=True):
+            if not isfinite(value):
+                return 'malformed_action', f'{listed([name])} of an action is {value}'
+        return None

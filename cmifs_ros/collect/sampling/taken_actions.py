@@ -1,0 +1,59 @@
+"""The action of a step: what is commanded from its state on, until the next one.
+
+A command follows the state that it answers. So of a step from time t0 to t1 the newest message at
+t0 or later counts, but before t1; where none came, the one before holds, for its `max_age`.
+"""
+
+from __future__ import annotations
+
+from array import array
+from collections.abc import Iterable, Mapping, Sequence
+from typing import NamedTuple
+
+from cmifs_ros.collect.robot_file.model import Source
+
+from .held_values import HeldValues
+
+
+class TakenAction(NamedTuple):
+    """The action of a step, and by source why something of it is missing."""
+
+    values: array
+    lacking: dict[Source, str]
+
+
+class TakenActions:
+    """Follow the sources of a robot file's actions."""
+
+    def __init__(self, sources: Iterable[Source]):
+        self._held = HeldValues(sources)
+        self._waiting: list[tuple[int, Mapping]] = []  # Of one time, at which a step may begin.
+
+    def begin_anew(self) -> None:
+        """Forget what was before the clock was set, but for what is latched."""
+        self.pass_on()
+        self._held.begin_anew()
+
+    def hear(self, time: int, values: Mapping[str, Sequence[float]]) -> None:
+        """Take the values of a message at its time in nanoseconds, which never goes back."""
+        self.pass_on(time)
+        self._waiting.append((time, values))
+
+    def pass_on(self, time: float = float('inf')) -> None:
+        """Let what is of a time before this belong to the step under way."""
+        if self._waiting and self._waiting[0][0] < time:
+            for message in self._waiting:
+                self._held.hear(*message)
+            self._waiting = []
+
+    def of_step(self, begin: int, end: int) -> TakenAction:
+        """Return the action of a step from one time until another."""
+        self.pass_on(end)
+        action = TakenAction(array('d'), {})
+        for source in self._held.sources:
+            values, cause = self._held.of(source, begin)
+            if cause is None:
+                action.values.extend(values)
+            else:
+                action.lacking[source] = cause
+        return action
