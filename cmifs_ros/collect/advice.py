@@ -84,7 +84,7 @@ def advice_of(
     rates : mapping of str to Rate, optional
         By topic, or by sensor without `topics`.
     needed : collection of str
-        Topics that steps, reward or ends of episodes need, whatever channels they have.
+        Topics that actions, steps, reward or ends of episodes need, whatever channels they have.
 
     """
     if not any(sensor.status for sensor in selection.sensors):
@@ -145,7 +145,7 @@ def _conditions(sensors: Sequence[SensorResult], is_needed: bool) -> tuple[str, 
     if any(sensor.is_constant for sensor in sensors):
         found.append('never changed in these episodes')
     if is_needed:
-        found.append('but steps, reward or ends of episodes need the topic')
+        found.append('but actions, steps, reward or ends of episodes need the topic')
     return tuple(found)
 
 

@@ -50,7 +50,8 @@ _READING = (
     'uninformative sensor it is below 0 half of the time. Confirmed: there is evidence that the '
     'sensor is informative beside the others selected; p comes from a test of its own that sees '
     'more than the share does, so a sensor may be confirmed and add little. Dispensable: there is '
-    'no such evidence, and with 95 % confidence the sensor adds less than {margin:.0%}. '
+    'no such evidence, and with 95 % confidence the sensor adds less than {margin:.0%}; that bound '
+    'is on one side, so the interval may reach a little further. '
     'Undecided: neither; more episodes may settle it. All sensors together may predict less than '
     'the selected ones, since each uninformative sensor makes the prediction harder to learn.'
 )
