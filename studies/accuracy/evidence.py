@@ -23,68 +23,68 @@ from studies.trials.tables import markdown_table
 from studies.trials.trial import Trial
 
 #: Whether a trial shows what is asked for, or to what share, from the names that were selected, in
-#: their order, and those that are relevant.
-Question = Callable[[list[str], set[str]], float]
+#: their order, those that are relevant, and the others.
+Question = Callable[[list[str], set[str], set[str]], float]
 
 
-def exactly(selected: list[str], relevant: set[str]) -> bool:
+def exactly(selected: list[str], relevant: set[str], others: set[str]) -> bool:
     """All that is relevant and nothing else."""
     return set(selected) == relevant
 
 
-def are_first(selected: list[str], relevant: set[str]) -> bool:
+def are_first(selected: list[str], relevant: set[str], others: set[str]) -> bool:
     """All that is relevant, before anything else."""
     return set(selected[: len(relevant)]) == relevant
 
 
-def all_found(selected: list[str], relevant: set[str]) -> bool:
+def all_found(selected: list[str], relevant: set[str], others: set[str]) -> bool:
     """All that is relevant, whatever else."""
     return relevant <= set(selected)
 
 
-def one_of_a_pair(selected: list[str], relevant: set[str]) -> bool:
+def one_of_a_pair(selected: list[str], relevant: set[str], others: set[str]) -> bool:
     """Either x or its copy, and the weaker sensor y."""
     return len({'x', 'copy'} & set(selected)) == 1 and 'y' in selected
 
 
-def the_other_of_a_pair(selected: list[str], relevant: set[str]) -> bool:
+def the_other_of_a_pair(selected: list[str], relevant: set[str], others: set[str]) -> bool:
     """Either x or its copy, and nothing else."""
     return len(selected) == 1 and selected[0] in ('x', 'copy')
 
 
-def anything(selected: list[str], relevant: set[str]) -> bool:
+def anything(selected: list[str], relevant: set[str], others: set[str]) -> bool:
     """Any sensor at all."""
     return bool(selected)
 
 
-def anything_else(selected: list[str], relevant: set[str]) -> bool:
+def anything_else(selected: list[str], relevant: set[str], others: set[str]) -> bool:
     """Something that is not relevant."""
     return bool(set(selected) - relevant)
 
 
-def a_force(selected: list[str], relevant: set[str]) -> bool:
+def a_force(selected: list[str], relevant: set[str], others: set[str]) -> bool:
     """Either force, or both."""
     return bool(set(selected) & relevant)
 
 
-def noise(selected: list[str], relevant: set[str]) -> bool:
+def noise(selected: list[str], relevant: set[str], others: set[str]) -> bool:
     """Noise."""
     return any(name.startswith('noise_') for name in selected)
 
 
-def the_weak_one(selected: list[str], relevant: set[str]) -> bool:
+def the_weak_one(selected: list[str], relevant: set[str], others: set[str]) -> bool:
     """Weak sensor."""
     return 'weak' in selected
 
 
-def half_a_pair(selected: list[str], relevant: set[str]) -> bool:
+def half_a_pair(selected: list[str], relevant: set[str], others: set[str]) -> bool:
     """One of two that matter only together."""
     return bool(set(selected) & relevant)
 
 
-def share_of_noise(selected: list[str], relevant: set[str]) -> float:
-    """Each of four channels of noise."""
-    return np.mean([f'noise_{i}' in selected for i in range(1, 5)])
+def share_of_irrelevant(selected: list[str], relevant: set[str], others: set[str]) -> float:
+    """Each irrelevant sensor."""
+    return len(set(selected) & others) / len(others)
 
 
 #: What tables call ours, whatever is asked of it.
@@ -164,7 +164,10 @@ ROWS = (
         Row('three_percent', episodes, the_weak_one, '<= 5 %', 'dispensable')
         for episodes in (30, 60, 100, 300)
     ),
-    Row('three_percent', 100, share_of_noise, '>= 80 %', 'dispensable'),
+    *(
+        Row(task, 100, share_of_irrelevant, '>= 80 %', 'dispensable')
+        for task in ('three_percent', 'without_gravel', 'with_gravel')
+    ),
     *(
         Row(pair, episodes, half_a_pair, 'never', 'dispensable')
         for pair, numbers in (
@@ -208,9 +211,10 @@ def run(options: argparse.Namespace) -> None:
     for row in rows:
         task = TASKS[row.task]
         relevant = {task.sensor_names[i] for i in task.relevant}
+        others = set(task.sensor_names) - relevant
         outcomes = results.of(row.task, row.method, row.episodes)
         answers = [
-            row.question([task.sensor_names[i] for i in outcome.ranking], relevant)
+            row.question([task.sensor_names[i] for i in outcome.ranking], relevant, others)
             for outcome in outcomes
         ]
         share = np.mean(answers)

@@ -8,7 +8,7 @@ pytest.importorskip('joblib')
 
 from cmifs_ros.core import Episode
 from cmifs_ros.core.returns import discounted_returns
-from studies.accuracy.evidence import main, share_of_noise
+from studies.accuracy.evidence import main, share_of_irrelevant
 from studies.methods.linear import linear_pvalues, linear_selection
 from studies.tasks.registry import TASKS
 from studies.tasks.rewards import GAMMA, PAIR_SHARE, STRONG_SHARE, WEAK_SHARE
@@ -43,7 +43,7 @@ def test_the_table_holds_what_was_found_and_what_is_dispensable(tmp_path, capsys
         assert len(found) == 2
         (line,) = (line for line in output.splitlines() if f'| {task} | {episodes} |' in line)
         assert f'| {np.mean([is_shown(f) for f in found]):.0%} ±' in line
-    assert share_of_noise(['noise_1', 'weak', 'noise_4'], set()) == 0.5
+    assert share_of_irrelevant(['a', 'x'], {'x'}, {'a', 'b', 'c', 'd'}) == 0.25
 
 
 @lru_cache
