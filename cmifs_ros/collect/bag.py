@@ -244,7 +244,7 @@ class _StatesAndRewards:
             )
         action = topics.get(f'{spaces[0]}/action')
         has_actions = action is not None and action.msgtype == JOINT_STATE
-        self._assembler.actions.expect(has_actions)
+        self._assembler.actions.are_published = lambda: has_actions
         names = ('state', 'reward', 'action') if has_actions else ('state', 'reward')
         return tuple(f'{spaces[0]}/{name}' for name in names)
 
@@ -274,7 +274,7 @@ class _StatesAndRewards:
         """Do nothing: an older pair tells that time was set back."""
 
     def finish(self) -> dict[str, int]:
-        self.episodes += self._assembler.actions.expect(False)
+        self.episodes += self._assembler.actions.stop_waiting()
         counts = self._assembler.dropped_messages
         dropped = {explained('messages', cause): n for cause, n in counts.items()}
         return dropped | self.builder.ends.dropped_in_words()

@@ -74,7 +74,7 @@ class SelectorInput:
         self._is_reward_announced = False
         self._num_foreign = 0
         self._last_at = dict.fromkeys(('state', 'reward', 'action'), -math.inf)
-        self._has_actor = False  # Whether somebody publishes actions.
+        self.assembler.actions.are_published = self._has_actor
         self.apply()
         self._subscriptions = {
             topic: FollowingSubscription(
@@ -140,10 +140,7 @@ class SelectorInput:
             )
             for name, subscription in self._subscriptions.items()
         }
-        has_actor = bool(self._subscriptions['action'].publishers)
-        if has_actor != self._has_actor:
-            self._has_actor = has_actor
-            self._take(self.assembler.actions.expect, has_actor)
+        self._take(self.assembler.actions.look)
         for line in self._watch.look(now, topics):
             self._node.get_logger().warning(line)
         values = {
@@ -197,6 +194,10 @@ class SelectorInput:
         self._take(
             self.assembler.add_reward, conversions.stamp_to_nanoseconds(msg.header.stamp), sample
         )
+
+    def _has_actor(self) -> bool:
+        """Tell whether somebody publishes actions: at once, the subscription looks now and then."""
+        return self._node.count_publishers('action') > 0
 
     def _take_action(self, msg: JointState) -> None:
         self._last_at['action'] = time.monotonic()

@@ -136,6 +136,7 @@ class Robot:
         self.executor.add_node(self.node)
         self.state_publisher = self.node.create_publisher(JointState, 'state', STREAM)
         self.reward_publisher = self.node.create_publisher(JointState, 'reward', STREAM)
+        self.action_publisher = None
         self.selected = []
         self.diagnostics = {}
         self.node.create_subscription(JointState, 'selected_state', self._on_selected, STREAM)
@@ -171,9 +172,18 @@ class Robot:
             )
         )
 
+    def act(self):
+        """Begin to publish actions: a selector waits for those that are announced."""
+        self.action_publisher = self.node.create_publisher(JointState, 'action', STREAM)
+        self.until(lambda: self.action_publisher.get_subscription_count() > 0)
+
     def publish_state(self, stamp, names, values):
         header = Header(stamp=conversions.stamp_from_nanoseconds(stamp), frame_id='base')
         self.state_publisher.publish(conversions.named_values_to_msg(header, names, values))
+
+    def publish_action(self, stamp, names, values):
+        header = Header(stamp=conversions.stamp_from_nanoseconds(stamp))
+        self.action_publisher.publish(conversions.named_values_to_msg(header, names, values))
 
     def publish_reward(self, stamp, sample):
         header = Header(stamp=conversions.stamp_from_nanoseconds(stamp))

@@ -16,23 +16,21 @@ from cmifs_ros.core.words import counted, listed
 
 from .builder import EpisodeBuilder, RewardSample
 
-#: Steps that wait for their actions, and actions that wait for their steps.
-_MAX_WAITING = 100
-_MAX_ACTIONS = 1000
+#: Steps that wait for their actions, or actions for their steps; as many as subscriptions queue.
+_MAX_WAITING = 1000
 
 
 class _Waiting(NamedTuple):
-    """What the builder is told in its turn: a step, of a stamp, when there were so many actions."""
+    """What the builder is told in its turn; if it is a step, with its stamp."""
 
     hand_on: Callable
     stamp: int | None = None
-    num_actions: int = 0
 
 
 class ActionPairing:
     """Hand steps on to a builder, with their actions where there are any.
 
-    A step waits until its action is here, or a later one, or too many steps wait. Where nobody
+    A step waits until its action is here, or a later one, or until it waits in vain. Where nobody
     publishes actions, no step waits.
 
     Parameters
@@ -43,6 +41,8 @@ class ActionPairing:
 
     Attributes
     ----------
+    are_published : callable
+        Tells, when an episode begins, whether to wait for its actions.
     names : tuple of str
         Of the values of an action: those of the first; empty while there was none.
     tolerance : int
@@ -54,6 +54,7 @@ class ActionPairing:
 
     def __init__(self, builder: EpisodeBuilder, drop: Callable[[str, str], None]):
         self._builder, self._drop = builder, drop
+        self.are_published: Callable[[], bool] = lambda: False
         self.tolerance = 0
         self.num_without = 0
         self.clear()
@@ -61,9 +62,10 @@ class ActionPairing:
     def clear(self) -> None:
         """Forget the names and all that waits; keep the count."""
         self.names: tuple[str, ...] = ()
-        self._expects = False
+        self._expects = self._has_given_up = False
         self._actions: dict[int, array] = {}
-        self._num_actions, self._newest = 0, 0  # How many there were, and the stamp of the last.
+        self._num_actions, self._newest = 0, -1  # How many there were, and the stamp of the last.
+        self._seen: tuple | None = None  # At the last look.
         self._waiting: deque[_Waiting] = deque()
 
     @property
@@ -71,10 +73,26 @@ class ActionPairing:
         """Steps that wait for their actions."""
         return len(self._waiting)
 
-    def expect(self, is_published: bool) -> list[Episode]:
-        """Note whether somebody publishes actions; return the episodes that waited, if nobody."""
-        self._expects = is_published
+    def stop_waiting(self) -> list[Episode]:
+        """Hand on all that waits, as no action is to come; return what episodes are complete."""
+        self._expects, self._has_given_up = False, True  # Until there is one.
         return self._release()
+
+    def look(self) -> list[Episode]:
+        """Stop waiting if nothing has moved since the last look, about a second ago."""
+        before = self._seen
+        self._seen = (self._waiting[0].stamp, self._num_actions) if self._waiting else None
+        is_stuck = self._seen is not None and self._seen == before
+        return self.stop_waiting() if is_stuck else []
+
+    def set_back(self, last: int) -> list[Episode]:
+        """Begin anew, as time was set back from this stamp; return what episodes are complete."""
+        self._actions = {stamp: a for stamp, a in self._actions.items() if stamp < last}
+        self._newest = self._newest if self._newest < last else -1
+        episodes = self.stop_waiting() if self._waiting else []
+        self._expects, self._has_given_up = bool(self.names), False
+        self._builder.set_back()
+        return episodes
 
     def add_action(
         self, stamp: int, names: Sequence[str], values: Sequence[float]
@@ -86,20 +104,20 @@ class ActionPairing:
             return []
         self.names = self.names or tuple(names)
         value_of = dict(zip(names, values, strict=True))
-        if len(self._actions) >= _MAX_ACTIONS:
+        if len(self._actions) >= _MAX_WAITING:
             del self._actions[next(iter(self._actions))]
         self._actions[stamp] = array('d', [value_of[name] for name in self.names])
         self._num_actions, self._newest = self._num_actions + 1, stamp
-        self._expects = True
+        self._expects, self._has_given_up = True, False
         return self._release()
 
     def add(self, state: Sequence[float], sample: RewardSample, stamp: int) -> list[Episode]:
         """Hand a step on, as soon as its action is known; return what episodes are complete."""
+        if not self._waiting and not self._builder.num_open_steps and not self._has_given_up:
+            self._expects = self._expects or self.are_published()
         hand_on = partial(self._builder.add, state, sample, stamp)
-        self._waiting.append(_Waiting(hand_on, stamp, self._num_actions))
-        if len(self._waiting) > _MAX_WAITING:
-            self._expects = False  # Until there is one.
-        return self._release()
+        self._waiting.append(_Waiting(hand_on, stamp))
+        return self.stop_waiting() if len(self._waiting) > _MAX_WAITING else self._release()
 
     def tell(self, what: Callable[[], None]) -> None:
         """Call something of the builder when all steps before were handed on."""
@@ -116,7 +134,8 @@ class ActionPairing:
                 waiting.hand_on()
             else:
                 at = self._action_at(waiting.stamp)
-                if at is None and self._expects and not self._has_passed(waiting):
+                has_passed = self._newest > waiting.stamp + self.tolerance
+                if at is None and self._expects and not has_passed:
                     break
                 self.num_without += at is None and bool(self.names)
                 episodes += waiting.hand_on(() if at is None else self._actions.pop(at))
@@ -135,11 +154,6 @@ class ActionPairing:
         nearest = min(self._actions, key=lambda other: abs(other - stamp), default=None)
         is_near = nearest is not None and abs(nearest - stamp) <= self.tolerance
         return nearest if is_near else None
-
-    def _has_passed(self, waiting: _Waiting) -> bool:
-        """Whether an action of a later step has come since a step waits."""
-        is_later = self._newest > waiting.stamp + self.tolerance
-        return is_later and self._num_actions > waiting.num_actions
 
     def _problem_of(self, names, values) -> tuple[str, str] | None:
         """Return the cause and a sentence if an action is of no use."""

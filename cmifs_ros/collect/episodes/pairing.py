@@ -243,13 +243,13 @@ class EpisodeAssembler:
         if stamp not in self._states or stamp not in self._rewards:
             return []
         transition = Transition(self._states.pop(stamp), self._rewards.pop(stamp))
-        last = self._last_paired
+        last, completed = self._last_paired, []
         if stamp == last:
             what = _equal_stamps('state', stamp)
             self.actions.tell(partial(self.builder.break_off, 'equal_stamps', what))
         elif last is not None and stamp < last:
             # A replayed bag or a reset simulation. A single message that is late is no reason.
-            self.actions.tell(self.builder.set_back)
+            completed = self.actions.set_back(last)
             for old in [s for s in self._states if s > last]:
                 self._discard_state(old, 'state_without_reward')
             for old in [s for s in self._rewards if s > last]:
@@ -270,7 +270,7 @@ class EpisodeAssembler:
         if len(self._recent) > MAX_PENDING:
             del self._recent[next(iter(self._recent))]
         self.num_transitions += 1
-        return self.actions.add(transition.state, transition.sample, stamp)
+        return completed + self.actions.add(transition.state, transition.sample, stamp)
 
     def _discard_state(self, stamp: int, cause: str, waiting: Waiting | None = None) -> None:
         del (self._states if waiting is None else waiting)[stamp]

@@ -40,7 +40,7 @@ class Feed:
 @given(st.integers(0, 2**32))
 def test_actions_are_those_of_the_states_in_whichever_order_the_topics_come(seed):
     random, feed = Random(seed), Feed()
-    feed.assembler.actions.expect(True)
+    feed.assembler.actions.are_published = lambda: True
     kinds = [kind for kind in (feed.state, feed.reward, feed.action) for _ in range(sum(LENGTHS))]
     random.shuffle(kinds)  # Each topic is in order by itself.
     times = {kind: iter(range(1, sum(LENGTHS) + 1)) for kind in set(kinds)}
@@ -85,19 +85,28 @@ def test_an_episode_that_lacks_an_action_does_without_and_the_others_do_not():
 
 
 def test_actions_that_are_announced_and_never_come_are_not_waited_for_for_ever():
-    feed = Feed()
-    feed.assembler.actions.expect(True)
+    feed = Feed(are_published=lambda: True)
     for t in range(1, 9):
         feed.state(t)
         feed.reward(t)
     assert not feed.episodes
     assert feed.assembler.num_pending == 8
-    feed.episodes += feed.assembler.actions.expect(False)  # Whoever announced them is gone.
+    feed.episodes += feed.assembler.actions.look()
+    assert not feed.episodes
+    feed.episodes += feed.assembler.actions.look()  # Nothing has moved since the last look.
     assert [len(e) for e in feed.episodes] == list(LENGTHS)
-    feed.assembler.actions.expect(True)
-    for t in range(9, 209):
+    for t in range(9, 19):
         feed.state(t)
         feed.reward(t)
+    assert feed.assembler.num_pending == 0
+
+
+def test_no_more_steps_wait_than_there_is_room_for():
+    feed = Feed(are_published=lambda: True)
+    for t in range(1, 2001):
+        feed.state(t)
+        feed.reward(t)
+        assert feed.assembler.num_pending <= 1000
     assert feed.assembler.num_pending == 0
 
 
@@ -114,7 +123,7 @@ def test_actions_within_the_tolerance_join():
 
 def test_after_time_was_set_back_actions_join_again():
     feed = Feed()
-    feed.assembler.actions.expect(True)
+    feed.assembler.actions.are_published = lambda: True
     for feed.begin in (100, 50):
         for t in range(1, 6):
             feed.state(t)
