@@ -65,7 +65,7 @@ class EpisodeRows:
         self.source_means = columns / np.sqrt(columns.sum(axis=0))
         self.is_ordered = ordered
         order = np.arange(num_episodes) if ordered else rng.permutation(num_episodes)
-        self.shifts = self._cyclic_shifts(sources, order)
+        self.shifts = self._cyclic_shifts(sources, order, rng)
 
     def means(self, values: np.ndarray) -> np.ndarray:
         """Return the mean of values (N, k) in each episode: shape (M, k)."""
@@ -77,26 +77,27 @@ class EpisodeRows:
         following[self.starts[1:] - 1] = 0.0
         return following
 
-    def _cyclic_shifts(self, sources, order) -> np.ndarray:
+    def _cyclic_shifts(self, sources, order, rng) -> np.ndarray:
         """Return the shifts of episodes that stand in an order.
 
         An episode takes the place of one so many places before it, step by step; where episodes of
-        a step are fewer, by fewer places. Sources do not mix.
+        a step are fewer, by fewer places, but at least by one. Sources do not mix, and each is
+        shifted by a number of its own.
         """
         place = np.arange(len(self.owner)) - self.starts[self.owner]
         turn = np.argsort(order)[self.owner]
         rows = np.lexsort((turn, place, sources))
-        cells = np.column_stack([np.unique(sources, return_inverse=True)[1], place])
+        source = np.unique(sources, return_inverse=True)[1].ravel()
+        cells = np.column_stack([source, place])
         cells = np.unique(cells, axis=0, return_inverse=True)[1].ravel()
         counts = np.bincount(cells)
         first, count = (np.cumsum(counts) - counts)[cells], counts[cells]
         rank = np.argsort(rows) - first
-        num_episodes = len(order)
-        by = np.linspace(1, num_episodes - 1, min(_MAX_SHIFTS, num_episodes - 1)).round()
-        return np.array(
-            [rows[first + (rank + np.round(b * count / num_episodes).astype(int)) % count]
-             for b in by]
-        )  # fmt: skip
+        longest = len(order) - 1
+        by = np.linspace(1, longest, min(_MAX_SHIFTS, longest)).round().astype(int)
+        by = np.column_stack([by, *(rng.permutation(by) for _ in range(source.max()))])
+        steps = 1 + (by - 1)[:, source] * (count - 1) // longest
+        return rows[first + (rank + steps) % count]
 
 
 def _pooled(sources: np.ndarray) -> np.ndarray:

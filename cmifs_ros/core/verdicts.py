@@ -47,7 +47,8 @@ def verdicts(
 
     What was confirmed before stays so unless it is dispensable now. A sensor is dispensable if it
     is not confirmed and adds less than `margin` of the target's variance, with 95 % confidence,
-    and so do its products with other sensors that seem so: two that matter only together are not.
+    and so do its products with others that are not confirmed: two that matter only together are
+    not.
     """
     selected = list(findings[:num_selected])
     given = [c for finding in selected for c in finding.channels]
@@ -59,12 +60,9 @@ def verdicts(
     rest = findings[num_selected:]
     effects = test.effects([sensors[f.sensor] for f in rest], given) if rest else []
     found += [(f, effect, given) for f, effect in zip(rest, effects, strict=True)]
-    small = [
-        f.sensor
-        for f, effect, _ in found
-        if f.pvalue > significance and effect.upper_bound < margin
-    ]
-    dispensable = set(small) - _not_in_pairs(test, sensors, small, given, margin)
+    unconfirmed = {f.sensor: effect for f, effect, _ in found if f.pvalue > significance}
+    small = {sensor for sensor, effect in unconfirmed.items() if effect.upper_bound < margin}
+    dispensable = small and small - _in_pairs(test, sensors, list(unconfirmed), given, margin)
     kept = {f.sensor for f in selected} & set(confirmed_before)
 
     def status(finding):
@@ -76,10 +74,10 @@ def verdicts(
     return [Verdict(status(f), effect, test.why(f.channels, others)) for f, effect, others in found]
 
 
-def _not_in_pairs(test, sensors, small, given, margin) -> set[int]:
+def _in_pairs(test, sensors, candidates, given, margin) -> set[int]:
     """Return the sensors a pair of which may add `margin` or more."""
-    channels = [(sensor, c) for sensor in small for c in sensors[sensor]]
-    if len(small) < 2:
+    channels = [(sensor, c) for sensor in candidates for c in sensors[sensor]]
+    if len(candidates) < 2:
         return set()
     bounds = test.pair_bounds([c for _, c in channels], given)
     owner = np.array([sensor for sensor, _ in channels])
