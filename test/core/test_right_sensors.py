@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 
-from cmifs_ros.core import ConditionalMISelector
+from cmifs_ros.core import ConditionalMISelector, Episode
+from studies.tasks.level_worlds import rollout_level
+from studies.tasks.rewards import REWARD_WORLDS
 from studies.tasks.synthetic import WORLDS, rollout_synthetic
 
 SEEDS = range(3)
@@ -133,3 +135,67 @@ def test_of_equals_the_one_in_use_stays():
             (states, x + y), names=names, start=[in_use, 'noise', 'gone']
         )
         assert set(selected(selector)) == {in_use, 'y'}
+
+
+@pytest.mark.parametrize(
+    ('world', 'num_episodes'),
+    [('readme_reward_1', 60), ('readme_reward_10', 60), ('rare_goal', 300), ('grasps', 80)],
+)
+def test_rewards_count_as_they_are_written(world, num_episodes):
+    draw, names, relevant, _ = REWARD_WORLDS[world]
+    found = []
+    for seed in range(4):
+        drawn = (draw(np.random.default_rng([seed, i]), i) for i in range(num_episodes))
+        selector = ConditionalMISelector(random_state=seed)
+        selector.fit([Episode(*of_one) for of_one in drawn], names)
+        found.append(set(selected(selector)))
+    assert sum(bool(of & set(relevant)) for of in found) >= 3, found
+    assert sum(bool(of & {name for name in names if 'noise' in name}) for of in found) <= 1, found
+
+
+def test_a_reward_that_is_far_off_hides_nothing():
+    draw, names, relevant, _ = REWARD_WORLDS['one_great_penalty']
+    episodes = [Episode(*draw(np.random.default_rng([0, i]), i)) for i in range(60)]
+    with pytest.warns(UserWarning, match='1 reward of'):
+        selector = ConditionalMISelector().fit(episodes, names)
+    assert tuple(selected(selector)) == relevant
+
+
+@pytest.mark.parametrize(
+    ('world', 'num_episodes', 'num_shown'),
+    [
+        ('vibration', 80, 1),
+        ('the_better_the_longer', 60, 1),
+        ('windows_memory_200', 50, 0),
+        ('fleet', 60, 1),
+    ],
+)
+def test_irrelevant_sensors_are_left_out_where_a_test_errs_easily(world, num_episodes, num_shown):
+    # Eight irrelevant sensors or more; 5 % of the recordings may have one of them by chance.
+    wrong = found = 0
+    for seed in range(8):
+        selector = ConditionalMISelector(random_state=seed)
+        support = selector.fit(rollout_level(world, num_episodes, seed)).get_support(indices=True)
+        wrong += bool((support >= num_shown).any())
+        found += bool((support < num_shown).any())
+    assert wrong <= 2
+    assert found >= 7 * bool(num_shown)
+
+
+def test_a_cause_that_is_seen_early_and_a_reward_that_is_paid_late_are_put_together():
+    right = 0
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        states, weight = rng.normal(size=(80, 30, 3)), rng.normal(size=80)
+        states[:, :5, 0] += 3 * weight[:, None]
+        rewards = np.zeros((80, 30))
+        rewards[:, -1] = weight + 0.5 * rng.normal(size=80) > 0
+        right += ConditionalMISelector().fit((states, rewards)).get_support(True).tolist() == [0]
+    assert right >= 3
+
+
+def test_a_weak_sensor_is_found_in_many_episodes():
+    draw, names, relevant, _ = REWARD_WORLDS['weak_sensor']
+    drawn = (draw(np.random.default_rng([0, i]), i) for i in range(4000))
+    selector = ConditionalMISelector().fit([Episode(*of_one) for of_one in drawn], names)
+    assert set(selected(selector)) == set(relevant)

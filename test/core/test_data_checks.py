@@ -1,0 +1,65 @@
+"""What data cannot show is said, and sound data are not complained of."""
+
+import warnings
+
+import numpy as np
+import pytest
+
+from cmifs_ros.core import ConditionalMISelector, Episode
+from cmifs_ros.core.data_checks import independent_episodes
+
+
+def told(episodes, **options):
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter('always')
+        selector = ConditionalMISelector().fit(episodes, **options)
+    assert [str(w.message) for w in caught] == selector.warnings_
+    return ' '.join(selector.warnings_)
+
+
+def episodes_of(levels, seed=0, num_steps=10):
+    rng = np.random.default_rng(seed)
+    return [
+        Episode(rng.normal(size=(num_steps, 2)), level + 0.3 * rng.normal(size=num_steps))
+        for level in levels
+    ]
+
+
+def test_sound_data_are_not_complained_of():
+    levels = np.random.default_rng(0).normal(size=40)
+    assert told(episodes_of(levels)) == ''
+
+
+def test_a_return_that_follows_the_order_is_told_unless_the_order_means_nothing():
+    episodes = episodes_of(np.repeat([1.0, 0.0], 20))
+    assert 'the return follows the order of the episodes' in told(episodes)
+    assert told(episodes, ordered=False) == ''
+
+
+def test_a_reward_that_makes_up_most_of_the_variance_is_told():
+    episodes = episodes_of(np.random.default_rng(1).normal(size=40))
+    rewards = episodes[17].rewards.copy()
+    rewards[3] = -1e4
+    episodes[17] = Episode(episodes[17].states, rewards)
+    assert '1 reward of -10000 in episode 17 makes up 100% of the variance' in told(episodes)
+
+
+def test_windows_that_overlap_are_told():
+    rng = np.random.default_rng(2)
+    states, rewards = rng.normal(size=(500, 2)), rng.normal(size=500)
+    halves = [Episode(states[i : i + 20], rewards[i : i + 20]) for i in range(0, 480, 10)]
+    assert 'are in two episodes' in told(halves)
+    whole = [Episode(states[i : i + 20], rewards[i : i + 20]) for i in range(0, 480, 20)]
+    assert 'two episodes' not in told(whole)
+
+
+@pytest.mark.parametrize('share', [0.0, 0.8])
+def test_episodes_that_resemble_their_neighbours_are_worth_fewer(share):
+    # An autoregression of order 1 has the integrated autocorrelation time (1 + a) / (1 - a).
+    rng = np.random.default_rng(3)
+    levels = rng.normal(size=3000)
+    for i in range(1, len(levels)):
+        levels[i] = share * levels[i - 1] + np.sqrt(1 - share**2) * levels[i]
+    episodes = [Episode(np.zeros((1, 1)), [level]) for level in levels]
+    expected = len(levels) * (1 - share) / (1 + share)
+    assert independent_episodes(episodes, 0.9) == pytest.approx(expected, rel=0.3)
