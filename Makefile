@@ -8,6 +8,8 @@ BENCHMARK ?=
 GROWTH ?=
 ACCURACY ?=
 EVIDENCE ?=
+LEVEL ?=
+TARGETS ?=
 ORACLE ?=
 CHANGE ?=
 LOOKS ?=
@@ -42,7 +44,7 @@ ENTER := . $(VENV)/bin/activate && { [ ! -f install/setup.bash ] || . install/se
 # Run colcon with the environment's own Python: another colcon would build for another Python.
 COLCON := python -c 'import sys; from colcon_core.command import main; sys.exit(main())'
 
-.PHONY: help demo test test-installed test-oldest soak robot load paper benchmark growth accuracy evidence change looks constants oracle learning loop lint \
+.PHONY: help demo test test-installed test-oldest soak robot load paper benchmark growth accuracy evidence level targets looks constants change oracle learning loop lint \
 	build clean
 
 help:
@@ -59,6 +61,8 @@ help:
 	@echo "make evidence [EVIDENCE='--trials 6']  how often exactly the right sensors are confirmed"
 	@echo "make looks [LOOKS='--trials 20']  how often anything irrelevant is ever confirmed over many looks"
 	@echo "make constants [CONSTANTS='--trials 6']  what each constant of the test is worth"
+	@echo "make level [LEVEL='--trials 20']    how often each part of the test errs, in hard worlds"
+	@echo "make targets [TARGETS='--trials 6']  how often each target is given exactly what it needs"
 	@echo "make change [CHANGE='--trials 6']  how soon the selection is right again after the task changed"
 	@echo "make oracle [ORACLE='--trials 6']  rank sums of an oracle that knows all but one channel"
 	@echo "make learning [LEARNING='--trials 4']  whether a selection helps a learner: learning/"
@@ -109,6 +113,12 @@ looks: build
 
 constants: build
 	@$(ENTER) && exec python -m studies.accuracy.constants $(CONSTANTS)
+
+level: build
+	@$(ENTER) && exec python -m studies.accuracy.level $(LEVEL)
+
+targets: build
+	@$(ENTER) && exec python -m studies.accuracy.targets $(TARGETS)
 
 change: build
 	@$(ENTER) && exec python -m studies.accuracy.changing_task $(CHANGE)

@@ -94,19 +94,28 @@ def test_executables_go_where_ros2_run_looks():
 
 
 @pytest.mark.parametrize(
-    ('name', 'argument', 'executables'),
+    ('name', 'own', 'executables'),
     [
-        ('cmifs_ros.launch.xml', 'scenario', {'selector_node', 'simulator_node'}),
-        ('robot.launch.xml', 'robot_file', {'selector_node', 'sampler_node'}),
+        ('cmifs_ros.launch.xml', {'scenario'}, {'selector_node', 'simulator_node'}),
+        (
+            'robot.launch.xml',
+            {'robot_file', 'use_sim_time', 'respawn'},
+            {'selector_node', 'sampler_node'},
+        ),
     ],
 )
-def test_the_launch_files_start_executables_that_exist(name, argument, executables):
+def test_the_launch_files_start_executables_that_exist_and_end_with_them(name, own, executables):
     entry_points = re.findall(r"'(\w+) = cmifs_ros", (ROOT / 'setup.py').read_text())
     launch = ElementTree.parse(ROOT / 'launch' / name).getroot()
     arguments = {arg.get('name') for arg in launch.findall('arg')}
-    assert arguments == {'namespace', 'params_file', argument}
-    assert {node.get('exec') for node in launch.findall('node')} == executables
+    assert arguments == {'namespace', 'params_file', 'episodes_path'} | own
+    nodes = launch.findall('.//node')
+    assert {node.get('exec') for node in nodes} == executables
     assert executables <= set(entry_points)
+    assert all((node.get('on_exit') == 'shutdown') != (node.get('respawn') == 'true')
+               for node in nodes)  # fmt: skip
+    documented = (ROOT / 'docs' / 'interface.md').read_text()
+    assert all(f'`{argument}`' in documented for argument in arguments)
 
 
 def test_installed_data_files_are_where_ros_looks_for_them():

@@ -25,6 +25,7 @@ from cmifs_ros.collect.sampling.event_order import SECOND
 from cmifs_ros.collect.sampling.message_reader import event_time
 from cmifs_ros.collect.sampling.sampler import Sampler
 from cmifs_ros.collect.sampling.step import Step
+from cmifs_ros.collect.traffic import Traffic
 from cmifs_ros.core import Episode
 from cmifs_ros.core.words import first
 
@@ -59,6 +60,8 @@ class BagEpisodes:
         follows from them.
     unreadable : dict of str to str
         Topics, none of them asked for, whose messages cannot be decoded, and why.
+    traffic : Traffic
+        Of the topics that were asked for, by their names in the robot file.
     action_names : tuple of str
         Of the values of the episodes' actions; empty without any.
 
@@ -73,6 +76,7 @@ class BagEpisodes:
     num_open_steps: int
     dropped: dict[str, int]
     unreadable: dict[str, str]
+    traffic: Traffic
     action_names: tuple[str, ...] = ()
 
 
@@ -125,13 +129,18 @@ def episodes_of_bag(
                     collector.note_wrong(topic, message.cause)
                 else:
                     collector.add(topic, message, now if has_clock else recorded)
+        traffic = Traffic(
+            reader.duration / SECOND,
+            {collector.name_of(topic): reader.num_messages[topic] for topic in topics},
+            {collector.name_of(topic): reader.num_bytes[topic] for topic in topics},
+        )
     builder, dropped = collector.builder, collector.finish()
     dropped |= {explained('episodes', cause): n for cause, n in builder.dropped.items()}
     if builder.num_partly_acting:
         dropped['actions of episodes of which some steps have none'] = builder.num_partly_acting
     return BagEpisodes(
         collector.channel_names, collector.episodes, builder.stamps, count, collector.num_between,
-        builder.num_cut, builder.num_open_steps, dropped, reader.unreadable,
+        builder.num_cut, builder.num_open_steps, dropped, reader.unreadable, traffic,
         collector.action_names,
     )  # fmt: skip
 
@@ -169,6 +178,9 @@ class _Sampled:
                 raise BagError(f'{path}: {problem}')
         self._names = {called[0]: name for name, called in found.items()}
         return self._names
+
+    def name_of(self, topic: str) -> str:
+        return self._names[topic]
 
     def add(self, topic: str, message, recorded: int) -> None:
         self._collect(self._sampler.add(self._names[topic], message, recorded))
@@ -235,6 +247,9 @@ class _StatesAndRewards:
         self._assembler.actions.are_published = lambda: has_actions
         names = ('state', 'reward', 'action') if has_actions else ('state', 'reward')
         return tuple(f'{spaces[0]}/{name}' for name in names)
+
+    def name_of(self, topic: str) -> str:
+        return topic
 
     def add(self, topic: str, message, recorded: int) -> None:
         try:

@@ -12,9 +12,14 @@ from cmifs_ros.core.channel_names import MAX_CHANNELS, MAX_NAME_LENGTH
 from cmifs_ros.core.effect import Effect
 from cmifs_ros.core.selection import Selection, SensorResult
 from cmifs_ros.core.statuses import STATUSES
+from cmifs_ros.core.targets import TARGETS
+
+from .advice import advice_fields, advice_of
 
 #: Of the fields; it changes where an old reader would misread them.
-VERSION = 1
+VERSION = 2
+#: Of `why` and of each warning, in characters; and of the warnings.
+_MAX_TEXT, _MAX_WARNINGS = 1000, 100
 
 
 def fields_of(selection: Selection) -> dict[str, Any]:
@@ -34,6 +39,12 @@ def fields_of(selection: Selection) -> dict[str, Any]:
         'steps': selection.steps,
         'seconds': selection.seconds,
         'outdated': selection.outdated,
+        'target': selection.target,
+        'predicted_share': selection.predicted_share,
+        'predicted_share_of_all': selection.predicted_share_of_all,
+        'margin': selection.margin,
+        'warnings': selection.warnings,
+        'advice': advice_fields(advice_of(selection)),
     }
 
 
@@ -67,7 +78,16 @@ def selection_of(fields: dict[str, Any]) -> Selection:
         spreads=tuple(float(spread) for spread in list_of(fields.get('spreads', []))),
         outdated=count_of(fields['outdated']),
         number=count_of(fields['number']),
+        target=_one_of(TARGETS, fields['target'], 'target'),
+        predicted_share=_number_or_none(fields['predicted_share']),
+        predicted_share_of_all=_number_or_none(fields['predicted_share_of_all']),
+        margin=_number_or_none(fields['margin']),
+        warnings=tuple(_text(text) for text in list_of(fields['warnings'])),
     )
+    if len(selection.warnings) > _MAX_WARNINGS:
+        raise ValueError(f'{len(selection.warnings)} warnings; expected at most {_MAX_WARNINGS}')
+    if selection.margin is not None and not 0 < selection.margin < 1:
+        raise ValueError(f'margin {selection.margin}; expected 0 < margin < 1, or null')
     names_of(list(selection.ranking), MAX_CHANNELS)
     names_of([name for sensor in sensors for name in sensor.channels], MAX_CHANNELS)
     if len(selection.means) != len(selection.spreads):
@@ -83,8 +103,8 @@ def selection_of(fields: dict[str, Any]) -> Selection:
 
 def _sensor_of(fields: dict[str, Any]) -> SensorResult:
     status, band, effect = fields['status'], fields['null_band'], fields['effect']
-    if status not in (None, *STATUSES):
-        raise ValueError(f'status {status!r}; expected one of {", ".join(STATUSES)}, or null')
+    if status is not None:
+        _one_of(STATUSES, status, 'status')
     if (status is None) != (fields['pvalue'] is None):
         raise ValueError(f'status {status!r} with pvalue {fields["pvalue"]!r}; expected both')
     (name,) = names_of([fields['name']], 1)
@@ -100,7 +120,7 @@ def _sensor_of(fields: dict[str, Any]) -> SensorResult:
         supporting_channels=names_of(fields['supporting_channels'], MAX_CHANNELS),
         redundant_with=names_of(fields['redundant_with'], MAX_CHANNELS),
         stability=_number_or_none(fields['stability']),
-        effect=None if effect is None else Effect(*(float(effect[k]) for k in Effect._fields)),
+        effect=None if effect is None else _effect_of(effect),
         why=_text(fields['why']),
     )
 
@@ -115,11 +135,23 @@ def _number_or_none(value) -> float | None:
     return None if value is None else float(value)
 
 
+def _one_of(expected: tuple[str, ...], value, what: str) -> str:
+    if value not in expected:
+        raise ValueError(f'{what} {value!r:.40}; expected one of {", ".join(expected)}')
+    return value
+
+
+def _effect_of(fields: dict[str, Any]) -> Effect:
+    """Return an effect by its share and error, which its interval follows from."""
+    effect = Effect(float(fields['share']), float(fields['error']))
+    if not effect.error >= 0:
+        raise ValueError(f'an effect with the error {effect.error}; expected at least 0')
+    return effect
+
+
 def _text(value) -> str:
-    if not isinstance(value, str) or len(value) > MAX_NAME_LENGTH:
-        raise ValueError(
-            f'{value!r:.40} in place of a text of at most {MAX_NAME_LENGTH} characters'
-        )
+    if not isinstance(value, str) or len(value) > _MAX_TEXT:
+        raise ValueError(f'{value!r:.40} in place of a text of at most {_MAX_TEXT} characters')
     return value
 
 

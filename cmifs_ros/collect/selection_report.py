@@ -2,16 +2,30 @@
 
 from __future__ import annotations
 
-from cmifs_ros.core.selection import Selection
-from cmifs_ros.core.statuses import DISPENSABLE, UNDECIDED
+import re
+from collections.abc import Iterable
+
+from cmifs_ros.core.effect import Effect
+from cmifs_ros.core.selection import Selection, SensorResult
+from cmifs_ros.core.statuses import CONFIRMED, DISPENSABLE, UNDECIDED
+from cmifs_ros.core.targets import ACTION, DECISION, RETURN, REWARD
 from cmifs_ros.core.words import counted, first, listed, short
 
-NOTHING_SELECTED = 'no evidence that any sensor is informative about the return'
+#: What is predicted, by target. A decision begins at the reward.
+PREDICTED = {RETURN: 'return', DECISION: 'reward', ACTION: 'action'}
+#: Of text that is printed.
+LINE_WIDTH = 80
+_PREDICTS = 'predicts '
 
 
 def is_undecided(selection: Selection) -> bool:
     """Tell whether nothing is confirmed so far, though something may be yet."""
     return not selection.indices and any(s.status == UNDECIDED for s in selection.sensors)
+
+
+def nothing_selected(selection: Selection) -> str:
+    """Return what an empty selection says."""
+    return f'no evidence that any sensor is informative about the {PREDICTED[selection.target]}'
 
 
 def headline(selection: Selection) -> str:
@@ -26,9 +40,10 @@ def headline(selection: Selection) -> str:
     if not selection.changing:
         return f'no sensor changed in {sizes}: nothing can be selected'
     if not selection.indices:
-        return (
-            f'{NOTHING_SELECTED}; {sizes}, and more may show it if the reward is that of the task'
-        )
+        more = 'more may show it'
+        if selection.target != ACTION:
+            more += ' if the reward is that of the task'
+        return f'{nothing_selected(selection)}; {sizes}, and {more}'
     return f'selected {listed(selection.names)}'
 
 
@@ -41,15 +56,18 @@ def change(selection: Selection) -> str:
 
 
 def evidence(selection: Selection) -> str:
-    """Return what the result rests on: sizes, scores or p-values, and what is dispensable."""
+    """Return what the result rests on: effects and p-values, or scores; and what can go."""
     shown, dispensable = [], []
     for sensor in selection.sensors:
-        if sensor.status == DISPENSABLE:
+        name = short(sensor.name)
+        if sensor.status == DISPENSABLE and not sensor.is_selected:
             dispensable.append(sensor.name)
-        elif sensor.pvalue is not None:
-            shown.append(f'{short(sensor.name)} (p {sensor.pvalue:.2g})')
+        elif sensor.pvalue is None:
+            shown.append(f'{name} ({sensor.score:.3f})')
+        elif sensor.effect is None:
+            shown.append(f'{name} (p {sensor.pvalue:.2g})')
         else:
-            shown.append(f'{short(sensor.name)} ({sensor.score:.3f})')
+            shown.append(f'{name} (adds {share(sensor.effect.share)}, p {sensor.pvalue:.2g})')
     parts = [first(shown)] if shown else []
     parts += [f'dispensable {listed(dispensable)}'] if dispensable else []
     redundant = redundancies(selection)
@@ -61,12 +79,75 @@ def evidence(selection: Selection) -> str:
     return '; '.join(parts)
 
 
+def share(value: float) -> str:
+    """Return a share as a percentage."""
+    return f'{value:.1%}'.replace('-0.0%', '0.0%')
+
+
+def interval(effect: Effect) -> str:
+    """Return the 95 % confidence interval of an effect."""
+    return f'{share(effect.low)} to {share(effect.high)}'
+
+
+def prediction(selection: Selection) -> str:
+    """Return how much the selected sensors predict beside all; empty if that is not known."""
+    if selection.predicted_share is None or selection.predicted_share_of_all is None:
+        return ''
+    # A prediction that is worse than the mean is none.
+    of_selected = max(selection.predicted_share, 0.0)
+    of_all = max(selection.predicted_share_of_all, 0.0)
+    variance = f'of the variance of the {PREDICTED[selection.target]} in episodes left out'
+    count, num_selected = len(selection.sensors), sum(s.is_selected for s in selection.sensors)
+    if not num_selected:
+        return f'all sensors together predict {of_all:.0%} {variance}'
+    verb = 'predicts' if num_selected == 1 else 'predict'
+    if num_selected == count:
+        return f'all sensors are selected, and predict {of_selected:.0%} {variance}'
+    selected = f'the {num_selected} selected of {counted(count, "sensor")}'
+    return f'{selected} {verb} {of_selected:.0%} {variance}; all together, {of_all:.0%}'
+
+
+def reason(selection: Selection, sensor: SensorResult) -> str:
+    """Return what a sensor is needed for, as 'predicts y -> x -> reward'; empty if nothing is said.
+
+    It is said of those that are selected or confirmed, where the target has several variables. A
+    chain that does not lead to the reward, since two sensors predict each other, ends at its
+    first link.
+    """
+    if selection.target == RETURN or not (sensor.is_selected or sensor.status == CONFIRMED):
+        return ''
+    if not sensor.why.startswith(_PREDICTS):
+        return sensor.why
+    sensors = {s.name: s for s in selection.sensors}
+    links, seen = [sensor.why.removeprefix(_PREDICTS)], {sensor.name}
+    while (name := predicted_by(selection, sensor)) in sensors.keys() - seen:
+        sensor = sensors[name]
+        seen.add(name)
+        if sensor.why == REWARD:
+            return _PREDICTS + ' -> '.join([*links, REWARD])
+        links.append(sensor.why.removeprefix(_PREDICTS))
+    return _PREDICTS + links[0]
+
+
+def predicted_by(selection: Selection, sensor: SensorResult) -> str | None:
+    """Return the sensor whose next value a sensor of a decision predicts; None: the reward."""
+    if sensor.why == REWARD:
+        return None
+    channel = sensor.why.removeprefix(_PREDICTS)
+    return next((s.name for s in selection.sensors if channel in s.channels), channel)
+
+
 def redundancies(selection: Selection) -> str:
     """Return which sensors are redundant, as 'copy with x'; empty if none."""
     redundant = [sensor for sensor in selection.sensors if sensor.redundant_with]
     return first(
         [f'{short(s.name)} with {" and ".join(map(short, s.redundant_with))}' for s in redundant]
     )
+
+
+def kinds_of_warnings(warnings: Iterable[str]) -> dict[str, str]:
+    """Return warnings by their kind: the text without its numbers, which change all the time."""
+    return {re.sub(r'\S*\d\S*', '#', warning): warning for warning in warnings}
 
 
 def is_news(selection: Selection, previous: Selection | None) -> bool:

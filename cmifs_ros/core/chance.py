@@ -38,18 +38,17 @@ def sign_flip_pvalue(statistic: float, products: np.ndarray) -> float:
     return pearson3_tail((statistic - mean) / np.sqrt(variance), third / variance**1.5)
 
 
-def resampled_pvalues(statistics: np.ndarray, drawn: np.ndarray) -> list[float]:
-    """Return the p-values of statistics (s,) of which some were drawn by chance (n, s).
+def resampled_pvalue(statistic: float, drawn: np.ndarray) -> float:
+    """Return the p-value of a statistic that was drawn by chance n times, shape (n,).
 
     A Pearson III law with the moments of those drawn gives the tail (Winkler et al., Faster
-    permutation inference in brain imaging, 2016). A statistic that chance leaves as it is has none.
+    permutation inference in brain imaging, 2016). A statistic that chance leaves as it is has 1.
     """
-    means, spreads = drawn.mean(axis=0), drawn.std(axis=0)
-    kept = spreads > 1e-12 * means
-    scaled = (drawn[:, kept] - means[kept]) / spreads[kept]
-    skewness = np.mean(scaled * scaled * scaled, axis=0)
-    values = (statistics - means)[kept] / spreads[kept]
-    return [pearson3_tail(value, skew) for value, skew in zip(values, skewness, strict=True)]
+    mean, spread = drawn.mean(), drawn.std()
+    if spread <= 1e-12 * mean:
+        return 1.0
+    skewness = float(np.mean(((drawn - mean) / spread) ** 3))
+    return pearson3_tail((statistic - mean) / spread, skewness)
 
 
 def combined_pvalue(pvalues: Sequence[float]) -> float:

@@ -5,11 +5,12 @@ conditional independence test and application in causal discovery, 2011), made f
 the return, z what is given (the sensors selected, the action and the step) and x the sensor:
 
 1. :math:`\varepsilon_t = y_t - \hat E[y_t | z_t]`, by kernel regression.
-2. :math:`\delta_t = \varepsilon_t - \lambda \gamma \varepsilon_{t+1}`, the TD residual of Sutton
-   (Learning to predict by the methods of temporal differences, 1988), for two :math:`\lambda`. It
-   has less noise than the return, but its mean given z need not be 0: it is regressed on z again.
+2. :math:`\delta_t = \varepsilon_t - \gamma \varepsilon_{t+1}`, the TD residual of Sutton (Learning
+   to predict by the methods of temporal differences, 1988). It has less noise than
+   :math:`\varepsilon_t`, but shows nothing of a sensor that is read early and matters late, so both
+   are used. The mean of :math:`\delta_t` given z need not be 0: they are regressed on z again.
 3. Functions f of x and z, Gaussians and products, lose their projection on the same space as
-   :math:`\delta`: what is left of the two is orthogonal to all that z explains of either
+   these: what is left of the two is orthogonal to all that z explains of either
    (Frisch-Waugh-Lovell).
 4. The products :math:`s_i = \sum_t f_{it} \delta_{it} / \sqrt{T_i}` of each episode i are added up.
    If y does not depend on x given z, each :math:`s_i` may as well have the opposite sign, whatever
@@ -18,13 +19,13 @@ the return, z what is given (the sensors selected, the action and the step) and 
 5. What seems dependent is tested once more, with the residuals of other episodes: cyclic shifts of
    the episodes in their order, which keep the memory of both sides. This counts on episodes alike.
 
-The greater p-value of 4 and 5 counts. Returns enter as they are and as normal scores, and functions
-whitened in two degrees; the p-values of all these are combined by a Cauchy combination.
+The greater p-value of 4 and 5 counts. Returns enter as they are and as normal scores; the p-values
+of all these are combined by a Cauchy combination.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -33,15 +34,13 @@ from .drift import cosines, num_cosines
 from .effect import Effect, EffectEstimator
 from .episode_rows import EpisodeRows
 from .kernel_regression import KernelRegression, residual, squared_distances
-from .products import Products
+from .products import PARTS, Products
 from .samples import Samples, normal_scores, standardized
 
 #: Gaussians that explain the target by what is given, and those that are functions of the sensor.
 _NUM_CENTERS, _NUM_FUNCTIONS = 50, 60
 #: Regressors are kept for a second question as long as they have no more rows in all.
 _KEPT_ROWS = 20_000
-#: lambda of the TD residual.
-_LAMBDAS = (0.6, 1.0)
 #: A candidate of more channels is reduced to as many principal components.
 _MAX_COMPONENTS = 12
 #: Share of its variance that a channel must have for itself.
@@ -64,6 +63,8 @@ class ConditionalTest:
         Seed of folds and centres.
     level : float
         p-value by signs up to which episodes are shifted as well.
+    parts : collection of str
+        Which parts of the test count, of `products.PARTS`; a study looks at each by itself.
     ordered : bool
         Whether the order of the episodes is that of time: then slow drift is taken out, and
         episodes are shifted in their order; else in a random one.
@@ -81,10 +82,12 @@ class ConditionalTest:
         of_given: bool = False,
         random_state: int = 0,
         level: float = 0.05,
+        parts: Collection[str] = PARTS,
         ordered: bool = True,
         n_jobs: int = 1,
     ):
-        self._level, self._of_given, self._n_jobs = level, of_given, n_jobs
+        self._level, self._parts = level, parts
+        self._of_given, self._n_jobs = of_given, n_jobs
         self._rows = rows = EpisodeRows(samples, random_state, ordered)
         self._names = list(targets)
         self._targets = np.column_stack([targets[name][rows.index] for name in self._names])
@@ -158,7 +161,12 @@ class ConditionalTest:
         basis = context.regression.basis(context.regression.jointly_tuned(left))
         basis = self._with_drift(basis, left)
         products = Products(
-            residual(left, basis), basis, self._rows.starts, self._rows.shifts, self._level
+            residual(left, basis),
+            basis,
+            self._rows.starts,
+            self._rows.shifts,
+            self._level,
+            parts=self._parts,
         )
         variables = [range(k, left.shape[1], len(columns)) for k in range(len(columns))]
 
@@ -201,8 +209,7 @@ class ConditionalTest:
         )
         if not self._discount:
             return left
-        following = self._discount * self._rows.following(left)
-        return np.hstack([left - share * following for share in _LAMBDAS])
+        return np.hstack([left, left - self._discount * self._rows.following(left)])
 
     def _with_drift(self, basis: np.ndarray, left: np.ndarray) -> np.ndarray:
         """Return the basis with slow cosines of level and slope, where the residuals drift."""

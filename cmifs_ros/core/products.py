@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from .chance import combined_pvalue, resampled_pvalues, sign_flip_pvalue
+from .chance import combined_pvalue, resampled_pvalue, sign_flip_pvalue
 from .kernel_regression import corrected_residual
 
-#: How far functions are whitened in the test: the strongest alone, and all but the weakest.
-_WHITENINGS = np.array([1e-1, 1e-2])
+#: Functions are whitened but for the weakest, which few episodes have to do with: those of less
+#: variance than this share of the greatest count less.
+_LEAST_VARIANCE = 1e-2
+#: The parts of the test.
+PARTS = SIGNS, SHIFTS = ('signs', 'shifts')
 
 
 class _Whitened(NamedTuple):
@@ -20,9 +23,8 @@ class _Whitened(NamedTuple):
     functions: np.ndarray
     coefficients: np.ndarray  # of the functions on the basis, (r, k)
     axes: np.ndarray  # (k, a)
-    weights: np.ndarray  # of the squared products, for each whitening, (a, s)
     products: np.ndarray  # of each episode with each residual, (M, q, a)
-    statistics: np.ndarray  # (q, s)
+    statistics: np.ndarray  # (q,)
 
 
 class Products:
@@ -40,6 +42,8 @@ class Products:
         The row whose residual each row has in each cyclic shift.
     level : float
         p-value by signs up to which episodes are shifted as well.
+    parts : collection of str
+        Which of `PARTS` count.
 
     """
 
@@ -50,7 +54,11 @@ class Products:
         starts: np.ndarray,
         shifts: np.ndarray,
         level: float,
+        *,
+        parts: Collection[str] = PARTS,
     ):
+        from .episode_sums import sums_of_products
+
         lengths = np.diff(starts, append=len(left))
         # The deviation of an episode's sum grows faster than the root of its number of steps.
         weights = np.repeat(np.sqrt(lengths.mean() / lengths), lengths)[:, None]
@@ -58,11 +66,9 @@ class Products:
         self._errors = corrected_residual(left, basis, starts) * weights
         self._basis = basis
         self._in_basis = basis.T @ self._left
-        from .episode_sums import sums_of_products
-
         self._sums_of_products = sums_of_products
         self._basis_products = sums_of_products(basis, self._errors, starts)
-        self._starts, self._shifts, self._level = starts, shifts, level
+        self._starts, self._shifts, self._level, self._parts = starts, shifts, level, parts
 
     def pvalues(
         self, families: Sequence[np.ndarray], variables: Sequence[Sequence[int]]
@@ -80,14 +86,8 @@ class Products:
         whitened = [self._whitened(functions) for functions in families]
         pvalues = []
         for columns in variables:
-            signs = [
-                sign_flip_pvalue(statistic, w.products[:, column] * np.sqrt(weights))
-                for column in columns
-                for w in whitened
-                for statistic, weights in zip(w.statistics[column], w.weights.T, strict=True)
-            ]
-            pvalue = combined_pvalue(signs)
-            if pvalue <= self._level:
+            pvalue = self._by_signs(whitened, columns) if SIGNS in self._parts else 0.0
+            if SHIFTS in self._parts and pvalue <= self._level:
                 pvalue = max(pvalue, self._by_shifts(whitened, columns))
             pvalues.append(pvalue)
         return pvalues
@@ -96,19 +96,26 @@ class Products:
         coefficients = self._basis.T @ functions
         gram = (functions.T @ functions - coefficients.T @ coefficients) / len(functions)
         variances, axes = np.linalg.eigh(gram)
-        kept = variances > 1e-9 * variances[-1]
-        variances, axes = variances[kept], axes[:, kept]
-        weights = 1 / (variances[:, None] + variances[-1] * _WHITENINGS)
+        axes = axes / np.sqrt(np.maximum(variances, 0) + variances[-1] * _LEAST_VARIANCE)
         products = self._sums_of_products(functions, self._errors, self._starts)
         products = (products - self._basis_products @ coefficients) @ axes
         total = (self._left.T @ functions - self._in_basis.T @ coefficients) @ axes
-        return _Whitened(functions, coefficients, axes, weights, products, total**2 @ weights)
+        return _Whitened(functions, coefficients, axes, products, (total**2).sum(axis=1))
+
+    def _by_signs(self, whitened: Sequence[_Whitened], columns: Sequence[int]) -> float:
+        return combined_pvalue(
+            [
+                sign_flip_pvalue(w.statistics[column], w.products[:, column])
+                for column in columns
+                for w in whitened
+            ]
+        )
 
     def _by_shifts(self, whitened: Sequence[_Whitened], columns: Sequence[int]) -> float:
-        pvalues: list[float] = []
+        pvalues = []
         for w in whitened:
             functions = w.functions @ w.axes - self._basis @ (w.coefficients @ w.axes)
             for column in columns:
-                drawn = (self._errors[:, column][self._shifts] @ functions) ** 2 @ w.weights
-                pvalues += resampled_pvalues(w.statistics[column], drawn)
+                drawn = (self._errors[:, column][self._shifts] @ functions) ** 2
+                pvalues.append(resampled_pvalue(w.statistics[column], drawn.sum(axis=1)))
         return combined_pvalue(pvalues)

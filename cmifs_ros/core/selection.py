@@ -100,6 +100,8 @@ class Selection:
         that all sensors do.
     warnings : tuple of str
         What limits what the data show.
+    margin : float or None
+        A sensor that adds less than this share of the target's variance is dispensable.
 
     """
 
@@ -116,6 +118,7 @@ class Selection:
     predicted_share: float | None = None
     predicted_share_of_all: float | None = None
     warnings: tuple[str, ...] = ()
+    margin: float | None = None
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -167,8 +170,6 @@ def select(
     settings : dict
         Parameters of the selector.
     action_names, ordered
-        As of `ConditionalMISelector.fit`, for the method that has them.
-    action_names, ordered
         As of `ConditionalMISelector.fit`; KDR has no use for them.
     start : collection of str
         Sensors of an earlier selection.
@@ -198,8 +199,8 @@ def select(
             random_state=selector.random_state,
         )
     if outdated:
-        episodes = episodes[outdated:]
-        _fit(selector, episodes, start=start, progress=progress, **options)
+        episodes = episodes[outdated:]  # Of another task: what was confirmed in it is not any more.
+        _fit(selector, episodes, progress=progress, **options)
     progress(1.0)
     samples = np.concatenate([np.column_stack([e.states, e.rewards]) for e in episodes])
     with np.errstate(over='ignore', invalid='ignore'):  # Huge values: their spread is inf.
@@ -218,6 +219,7 @@ def select(
         predicted_share=getattr(selector, 'predicted_share_', None),
         predicted_share_of_all=getattr(selector, 'predicted_share_of_all_', None),
         warnings=tuple(getattr(selector, 'warnings_', ())),
+        margin=selector.margin if _has_test(selector) else None,
     )
 
 

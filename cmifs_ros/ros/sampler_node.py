@@ -7,11 +7,9 @@ import sys
 from functools import partial
 
 from diagnostic_msgs.msg import DiagnosticArray
-from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
-from rclpy.qos import QoSProfile
 from rosgraph_msgs.msg import Clock as ClockTime
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
@@ -23,14 +21,26 @@ from cmifs_ros.collect.sampling.step import Step
 from cmifs_ros.core.targets import TARGETS
 from cmifs_ros.core.words import listed
 
-from . import conversions, diagnostics
+from . import conversions, diagnostics, selected_state
 from .following_subscription import FollowingSubscription
-from .parameters import warn_of_unknown
+from .parameters import Spec, declare
+from .qos import STREAM_QOS
 from .run_node import run_node
 from .sampler_status import SamplerStatus
+from .selected_state import SelectedState
 
+PARAMETERS = (
+    Spec('robot_file', '', 'Path of the robot file.', read_only=True),
+    Spec('max_lateness', 5.0, 'Seconds for which a topic is waited for at most.', read_only=True),
+    *selected_state.PARAMETERS,
+)
 #: Seconds without any message after which none is waited for.
 _QUIET = 2.0
+
+
+def _check(values: dict) -> None:
+    if not 0 <= values['max_lateness'] < math.inf:
+        raise ValueError(f'max_lateness is {values["max_lateness"]}; expected seconds, 0 or more')
 
 
 class SamplerNode(Node):
@@ -38,33 +48,25 @@ class SamplerNode(Node):
 
     def __init__(self):
         super().__init__('sampler')
-        path = self.declare_parameter('robot_file', '').value
-        max_lateness = self.declare_parameter(
-            'max_lateness',
-            5.0,
-            ParameterDescriptor(
-                read_only=True,
-                description='seconds for which a topic is waited for at most',
-            ),
-        ).value
-        warn_of_unknown(self, ['robot_file', 'max_lateness'])
-        if not path:
+        self._selected_state: SelectedState | None = None
+        settings = declare(self, PARAMETERS, _check, self._apply_parameters)
+        if not settings['robot_file']:
             raise ValueError('robot_file is empty; expected the path of a robot file')
-        if not 0 <= max_lateness < math.inf:
-            raise ValueError(f'max_lateness is {max_lateness}; expected seconds, 0 or more')
-        self._robot = load_robot_file(path)
+        self._robot = load_robot_file(settings['robot_file'])
         self._names = self._robot.channel_names
         discount = vars(self._robot.discount) if self._robot.discount else {}
         self._asked = {key: value for key, value in discount.items() if value is not None}
         if self._robot.target:
             self._asked['target'] = float(TARGETS.index(self._robot.target))
-        self._sampler = Sampler(self._robot, max_lateness)
-        stream = QoSProfile(depth=1000)
-        self._state_publisher = self.create_publisher(JointState, 'state', stream)
+        self._sampler = Sampler(self._robot, settings['max_lateness'])
+        is_simulated = self.get_parameter('use_sim_time').value
+        # Before `state`, by which the selector knows who needs no relay.
+        self._selected_state = SelectedState(self, self._robot, settings, is_simulated)
+        self._state_publisher = self.create_publisher(JointState, 'state', STREAM_QOS)
         self._action_publisher = None
         if self._robot.action_names:
-            self._action_publisher = self.create_publisher(JointState, 'action', stream)
-        self._reward_publisher = self.create_publisher(JointState, 'reward', stream)
+            self._action_publisher = self.create_publisher(JointState, 'action', STREAM_QOS)
+        self._reward_publisher = self.create_publisher(JointState, 'reward', STREAM_QOS)
         self._diagnostics_publisher = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
         max_ages = dict.fromkeys(self._robot.topics, 0.0)
         for source in self._robot.sources:
@@ -77,7 +79,7 @@ class SamplerNode(Node):
         self._problems = dict.fromkeys(self._robot.topics, 'nobody publishes it')
         self._refused: set[str] = set()
         self._simulated: int | None = None
-        if self.get_parameter('use_sim_time').value:
+        if is_simulated:
             # rclpy's own clock has the newest time alone: to who is behind, all that waits would
             # seem to come at once. Here it waits in its turn, and is read as that of a bag.
             FollowingSubscription(self, ClockTime, '/clock', self._on_clock)
@@ -86,6 +88,9 @@ class SamplerNode(Node):
         self.create_timer(0.2, self._discover, clock=clock)
         self.create_timer(1.0, self._report, clock=clock)
         self._discover()
+
+    def _apply_parameters(self, changed: dict) -> None:
+        self._selected_state.apply()
 
     def _discover(self) -> None:
         """Subscribe to the topics whose type is known by now, anew where it has changed."""
@@ -125,6 +130,7 @@ class SamplerNode(Node):
 
     def _on_clock(self, message: ClockTime) -> None:
         self._simulated = conversions.stamp_to_nanoseconds(message.clock)
+        self._selected_state.set_clock(self._simulated)
         self._publish(self._sampler.set_clock(self._simulated))
 
     def _take(self, topic: str, message) -> None:
@@ -133,6 +139,7 @@ class SamplerNode(Node):
             # When it was sent is not known: the EventsExecutor of rclpy 7.1.6 fails on callbacks
             # that ask for the message's info.
             received = self._simulated or self.get_clock().now().nanoseconds
+            self._selected_state.take(topic, message, received)
             steps = self._sampler.add(topic, message, received)
         except Exception as error:  # A message of whatever type must not end the node.
             self._sampler.note_wrong(topic, f'{type(error).__name__}: {error}')
@@ -166,9 +173,13 @@ class SamplerNode(Node):
                 if problem and topic not in self._refused:
                     self._refused.add(topic)
                     self.get_logger().error(problem)
+        for line in self._status.news():
+            self.get_logger().warning(line)
         self._diagnostics_publisher.publish(
             diagnostics.diagnostic_array(
-                self.get_clock().now().to_msg(), *self._status.statuses(problems)
+                self.get_clock().now().to_msg(),
+                *self._status.statuses(problems),
+                self._selected_state.status(),
             )
         )
 

@@ -18,6 +18,8 @@ from . import diagnostics
 _WINDOW = 10
 #: Seconds of silence after which a topic is called so, unless what it tells may be older.
 _SILENCE = 5.0
+#: Seconds from the first step in which topics that are only just found are not told.
+_GRACE = 3.0
 #: Of what steps lack so much is told, the most frequent.
 _MAX_CAUSES = 8
 
@@ -39,6 +41,8 @@ class SamplerStatus:
         self._name, self._sampler, self._max_ages = name, sampler, max_ages
         self._heard_at: dict[str, float] = {}
         self._past: deque[dict] = deque(maxlen=_WINDOW)
+        self._stepping_at: float | None = None
+        self._told: Counter = Counter()  # What steps have lacked, when that was last looked at.
 
     def heard(self, topic: str) -> None:
         """Note that a message of a topic has come."""
@@ -47,6 +51,19 @@ class SamplerStatus:
     def silence(self) -> float:
         """Return the seconds since the newest message of any topic; inf before the first."""
         return time.monotonic() - max(self._heard_at.values(), default=-math.inf)
+
+    def news(self) -> list[str]:
+        """Return for the log what steps lack, each once."""
+        now, missing = time.monotonic(), Counter(self._sampler.missing.counts)
+        if self._stepping_at is None and self._sampler.num_moments:
+            self._stepping_at = now
+        if self._stepping_at is None or now < self._stepping_at + _GRACE:
+            self._told = missing
+            return []
+        fresh = {key: n for key, n in missing.items() if n > self._told.get(key, 0)}
+        self._told |= dict.fromkeys(fresh, math.inf)
+        causes = self._sampler.missing.in_words(fresh)
+        return [f'steps lack {what}; episodes break there' for what in causes]
 
     def statuses(self, problems: Mapping[str, str]) -> list[DiagnosticStatus]:
         """Return a status of the steps and one of each topic.

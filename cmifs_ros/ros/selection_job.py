@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cmifs_ros.core import ConditionalMISelector, Episode
+from cmifs_ros.core import Episode
 from cmifs_ros.core.selection import Selection, select
 
 from .worker import report_progress
@@ -18,4 +18,5 @@ def run_selection(episodes, channel_names, method: str, settings: dict, options:
 def prepare() -> None:
     """Select from a few numbers, for which all that is compiled has to be compiled and loaded."""
     rng = np.random.default_rng(0)
-    ConditionalMISelector().fit([Episode(rng.normal(size=(3, 2)), [0, 0, i]) for i in range(4)])
+    episodes = [Episode(rng.normal(size=(3, 2)), [0, 0, i]) for i in range(4)]
+    select(episodes, ('a', 'b'), 'conditional_mi', {})

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
 from dataclasses import dataclass
 
+from cmifs_ros.core import Episode
 from cmifs_ros.core.selection import Selection
 
 from .selection_job import prepare, run_selection
@@ -22,7 +23,7 @@ MAX_WAITING = 1000
 
 @dataclass(frozen=True)
 class Job:
-    """The arguments of `run_selection`.
+    """A selection to be made.
 
     Attributes
     ----------
@@ -33,6 +34,9 @@ class Job:
     cause : str
         Who asked for it first.
     arguments : tuple
+        Of `run_selection`; the first are the episodes.
+    held : sequence of Episode
+        These episodes as the buffer holds them.
 
     """
 
@@ -40,6 +44,7 @@ class Job:
     generation: int
     cause: str
     arguments: tuple
+    held: Sequence[Episode] = ()
 
 
 @dataclass(frozen=True)
@@ -51,20 +56,14 @@ class Outcome:
     selection : Selection or None
     error : str
         Why there is none.
-    is_refusal : bool
-        Nothing failed; there was no reason to start.
-    generation : int
-        That of its job.
-    cause : str
-        That of its job.
+    job : Job or None
+        None: nothing failed; there was no reason to start, or whoever asked gave it up.
 
     """
 
     selection: Selection | None = None
     error: str = ''
-    is_refusal: bool = False
-    generation: int = 0
-    cause: str = ''
+    job: Job | None = None
 
 
 class RefusedError(Exception):
@@ -138,7 +137,7 @@ class SelectionQueue:
         """Ask for a selection; `answer` is called with its outcome."""
         if len(self._joined) + len(self._waiting) >= MAX_WAITING:
             reason = f'{MAX_WAITING} calls wait for a selection already'
-            answer(Outcome(error=reason, is_refusal=True))
+            answer(Outcome(error=reason))
         elif self.busy and self._running.revision == self._current_revision():
             self._joined.append(answer)
         else:
@@ -150,20 +149,17 @@ class SelectionQueue:
         """Collect a finished selection and start the next one. Never blocks."""
         finished = self._worker.outcome()
         if finished is not None:
-            error, generation = finished.exception(), self._running.generation
+            error = finished.exception()
             if error is None:
-                cause = self._running.cause
-                outcome = Outcome(finished.result(), generation=generation, cause=cause)
+                self._finish(finished.result())
             elif isinstance(error, BrokenProcessPool):
-                reason = 'the worker process died during the selection'
-                outcome = Outcome(error=reason, generation=generation)
+                self._finish(error='the worker process died during the selection')
             else:
-                outcome = Outcome(error=str(error), generation=generation)
-            self._finish(outcome)
+                self._finish(error=str(error))
         elif self.busy and 0 < self.timeout < self.running_for:
             self._worker.stop()
             reason = f'the selection took longer than {self.timeout:g} s (selection_timeout)'
-            self._finish(Outcome(error=reason, generation=self._running.generation))
+            self._finish(error=reason)
         self._start_next()
 
     def cancel(self) -> bool:
@@ -183,7 +179,8 @@ class SelectionQueue:
     def _give_up(self, reason: str) -> bool:
         self._worker.stop()
         waiting, self._joined, self._waiting = self._joined + self._waiting, [], []
-        self._answer(waiting, Outcome(error=reason, is_refusal=True))
+        self._running = None
+        self._answer(waiting, Outcome(error=reason))
         return bool(waiting)
 
     def _start_next(self) -> None:
@@ -193,20 +190,22 @@ class SelectionQueue:
         try:
             job = self._make_job(self._cause)
         except RefusedError as error:
-            self._answer(waiting, Outcome(error=str(error), is_refusal=True))
+            self._answer(waiting, Outcome(error=str(error)))
             return
         try:
             self._worker.submit(run_selection, *job.arguments)
         except OSError as error:
             reason = f'no worker process could be started: {error}'
-            self._answer(waiting, Outcome(error=reason, generation=job.generation))
+            self._answer(waiting, Outcome(error=reason, job=job))
             return
         self._running, self._joined = job, waiting
         self._started_at = time.monotonic()
 
-    def _finish(self, outcome: Outcome) -> None:
+    def _finish(self, selection: Selection | None = None, error: str = '') -> None:
         joined, self._joined = self._joined, []
-        self._answer(joined, outcome)
+        # Not kept: the bound of the buffer holds for all episodes in memory.
+        job, self._running = self._running, None
+        self._answer(joined, Outcome(selection, error, job))
 
     def _answer(self, answers: list[Callable[[Outcome], None]], outcome: Outcome) -> None:
         outcome = self._on_outcome(outcome)

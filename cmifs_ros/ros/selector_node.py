@@ -7,7 +7,6 @@ import json
 import math
 import sys
 import time
-from array import array
 from collections.abc import Sequence
 from concurrent.futures import Future
 
@@ -15,15 +14,12 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header, Int32MultiArray, String
 from std_srvs.srv import Trigger
 
 from cmifs_ros.collect.episodes.buffer import EpisodeBuffer
-from cmifs_ros.collect.episodes.drift import Drift
 from cmifs_ros.collect.episodes.file_format import Saved
-from cmifs_ros.collect.episodes.filter import StateFilter
 from cmifs_ros.collect.episodes.reward_check import problem_of_rewards
 from cmifs_ros.collect.episodes.same_actions import with_same_actions
 from cmifs_ros.collect.selection_fields import fields_of
@@ -33,16 +29,20 @@ from cmifs_ros.collect.selection_report import (
     headline,
     is_news,
     is_undecided,
+    kinds_of_warnings,
 )
 from cmifs_ros.core import Episode
+from cmifs_ros.core.looks import level_of_look
 from cmifs_ros.core.selection import Selection
 from cmifs_ros.core.targets import ACTION
 from cmifs_ros.core.words import counted, listed
 
 from . import conversions, diagnostics, selector_status
-from .deferred_service import answer_later
+from .deferred_service import DeferredReplies
 from .parameters import declare
+from .qos import LATCHED_QOS, STREAM_QOS
 from .run_node import run_node
+from .selection_in_use import SelectionInUse
 from .selection_queue import Job, Outcome, RefusedError, SelectionQueue
 from .selector_input import SelectorInput
 from .selector_parameters import (
@@ -53,9 +53,7 @@ from .selector_parameters import (
     selector_settings,
 )
 from .selector_storage import SelectorStorage
-
-STREAM_QOS = QoSProfile(depth=1000)
-LATCHED_QOS = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+from .state_relay import StateRelay
 
 #: Seconds between looks at the worker.
 _POLL_PERIOD = 0.1
@@ -86,41 +84,35 @@ class SelectorNode(Node):
         self._revision = 0  # counts what would change a selection
         self._attempted_revision: int | None = 0  # None: the last attempt failed
         self._generation = 0  # counts how often the episodes were thrown away
-        self._selection: Selection | None = None
-        self._selected_at = -math.inf
+        self._num_seen = 0  # episodes of the task as it is, also those that left the buffer
+        self._in_use: SelectionInUse | None = None
         self._number = 0  # of the newest selection that was used
-        self._cause = ''  # of the selection
-        self._selected_from: Sequence[Episode] = ()
-        self._so_far = NOTHING_SO_FAR  # level and message where nothing is confirmed
-        self._filter: StateFilter | None = None
-        self._drift: Drift | None = None
-        self._selected_state = JointState()
-        self._last_error = ''
+        self._attempt = NOTHING_SO_FAR  # level and message of the last one, if it gave nothing
+        self._warned: set[str] = set()  # Kinds of warnings.
         self._counted_at, self._counted = -math.inf, 0
         self._storage: SelectorStorage | None = None
 
         self._indices_publisher = self.create_publisher(
             Int32MultiArray, 'selected_indices', LATCHED_QOS
         )
-        self._selection_publisher = self.create_publisher(String, 'selection', LATCHED_QOS)
         self._scores_publisher = self.create_publisher(JointState, 'scores', LATCHED_QOS)
-        self._state_publisher = self.create_publisher(JointState, 'selected_state', STREAM_QOS)
+        self._selection_publisher = self.create_publisher(String, 'selection', LATCHED_QOS)
+        self._relay = StateRelay(self, self._settings)
         self._diagnostics_publisher = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
         self._input = SelectorInput(
             self,
             self._settings,
             self._buffer,
-            on_state=self._relay,
+            on_state=self._relay.relay,
             on_episode=self._keep,
             on_channels=self._on_new_channels,
             on_restart=self._restart,
         )
         # The usual depth of 10 would lose calls that come in a burst.
-        answer_later(
-            self.create_service(
-                Trigger, 'select_features', self._on_select_features, qos_profile=STREAM_QOS
-            )
+        service = self.create_service(
+            Trigger, 'select_features', self._on_select_features, qos_profile=STREAM_QOS
         )
+        self._replies = DeferredReplies(self, service)
         self.create_service(Trigger, '~/clear_episodes', self._on_clear_episodes)
         self.create_service(Trigger, '~/cancel', self._on_cancel)
         # Steady time: a simulated clock that stands still must not stop the node.
@@ -138,6 +130,7 @@ class SelectorNode(Node):
     def destroy_node(self) -> None:
         """End the worker process and the last save, answer who waits, then end the node."""
         has_answered = self._queue.stop()
+        has_answered |= self._replies.flush()
         if self._storage is not None:
             self._storage.stop()
         if has_answered:  # What a client has not read yet is lost with this process.
@@ -162,42 +155,37 @@ class SelectorNode(Node):
         if not self._buffer.append(episode):
             return
         self._revision += 1
-        if self._drift is not None:
-            self._drift.add(episode)
+        self._num_seen += 1
+        if self._in_use is not None:
+            self._in_use.add(episode)
         names = self._channel_names, self._action_names
         if self._storage is not None and not self._storage.append(episode, *names):
             self._save()
 
-    def _relay(self, header: Header, names: list[str], values: array) -> None:
-        if len(names) != len(values):
-            return
-        if self._filter is not None:
-            values = self._filter.pick(names, values)
-            names = self._filter.names
-        elif not self._settings['pass_through_until_selected']:
-            return
-        # Publishing is most of the work, also for nobody.
-        if values is not None and self._state_publisher.get_subscription_count():
-            out = self._selected_state  # One message for all: a new one takes as long to make.
-            out.header, out.name, out.position = header, names, values
-            self._state_publisher.publish(out)
-
     def _on_new_channels(self) -> None:
-        """Return to the beginning if the channels, new after a clear, lack a selected one."""
+        """Keep the selection, also in another order of the channels, if these have all of it."""
         names = self._channel_names
-        selected = set(self._selection.names) if self._selection is not None else set()
-        missing = selected - set(names)
-        if missing:
-            self.get_logger().warning(
-                f'the selection is dropped: {listed(sorted(missing))} is not among the new '
-                f'channels {listed(names)}'
-            )
-            self._selection = self._filter = self._drift = None
+        if self._in_use is not None:
+            selection = self._in_use.selection
+            missing = set(selection.names) - set(names)
+            if missing:
+                self.get_logger().warning(
+                    f'the selection is dropped: {listed(sorted(missing))} is not among the new '
+                    f'channels {listed(names)}'
+                )
+                self._in_use = None
+                self._relay.use(None)
+            elif names != self._in_use.channel_names:
+                indices = tuple(map(names.index, selection.names))
+                moved = dataclasses.replace(
+                    selection, indices=indices, means=(), spreads=(), number=self._number + 1
+                )
+                self._use(moved, self._in_use.selected_at, self._in_use.cause)
         try:
             check_parameters(self._settings, names)
         except ValueError as error:
-            self._last_error = str(error)
-            self.get_logger().error(self._last_error)
+            self._attempt = diagnostics.ERROR, str(error)
+            self.get_logger().error(str(error))
         self._save()  # Now episodes with these channels can be appended.
 
     def _restart(self) -> None:
@@ -216,11 +204,13 @@ class SelectorNode(Node):
 
     def _clear(self) -> None:
         self._buffer.clear()
+        self._num_seen = 0
         self._input.assembler.clear()
         self._revision += 1
         self._generation += 1
-        self._last_error, self._so_far = '', NOTHING_SO_FAR
-        self._drift = None
+        self._attempt = NOTHING_SO_FAR
+        if self._in_use is not None:
+            self._in_use.forget_data()
         self._save()
 
     # --- selections
@@ -264,23 +254,30 @@ class SelectorNode(Node):
             settings = selector_settings(values, names, self._input.gamma(), target)
         except ValueError as error:
             raise RefusedError(str(error)) from None
+        if 'significance' in settings:
+            settings['significance'] = level_of_look(
+                settings['significance'],
+                self._num_seen,
+                num_first=values['min_episodes'],
+                buffer_size=values['max_episodes'],
+            )
         held = self._buffer.snapshot()
         episodes, note = with_same_actions(held, values['min_episodes'])
         if note:
             self.get_logger().warning(note, throttle_duration_sec=300.0)
         problem = '' if values['method'] == 'kdr' else _problem_for(target, episodes)
         if problem:
-            self._so_far = diagnostics.WARN, problem
+            self._attempt = diagnostics.WARN, problem
             self.get_logger().warning(f'no selection: {problem}', throttle_duration_sec=300.0)
             raise RefusedError(problem)
-        in_use = self._selection.confirmed if self._selection is not None else ()
+        in_use = self._in_use.confirmed if self._in_use is not None else ()
         least_kept = values['min_episodes'] if values['forget_outdated'] else None
         options = {'start': in_use, 'least_kept': least_kept}
         options['action_names'] = self._action_names if episodes[0].actions.size else ()
         arguments = (episodes, names, values['method'], settings, options)
-        # As they are held: here they may be without their actions.
-        self._selected_from = held if len(held) == len(episodes) else episodes
-        return Job(self._revision, self._generation, cause, arguments)
+        # Episodes without their actions are copies of those held.
+        held = held if len(held) == len(episodes) else episodes
+        return Job(self._revision, self._generation, cause, arguments, held)
 
     def _select_periodically(self) -> None:
         enough = len(self._buffer) >= self._settings['min_episodes']
@@ -288,41 +285,54 @@ class SelectorNode(Node):
             self._queue.request('timer', lambda outcome: None)
 
     def _on_outcome(self, outcome: Outcome) -> Outcome:
-        selection = outcome.selection
-        if outcome.is_refusal:  # Whoever asked is told why; nothing is wrong.
+        selection, job = outcome.selection, outcome.job
+        if job is None:  # Whoever asked is told why; nothing is wrong.
             return outcome
-        # Not kept: the buffer's bound holds for all episodes in memory.
-        selected_from, self._selected_from = self._selected_from, ()
-        if outcome.generation != self._generation:
+        if job.generation != self._generation:
             self.get_logger().info(CLEARED_MEANWHILE)
             return dataclasses.replace(outcome, error=outcome.error or CLEARED_MEANWHILE)
-        self._last_error = outcome.error
         if selection is None:
+            self._attempt = diagnostics.ERROR, outcome.error
             self._attempted_revision = None
             self.get_logger().warning(f'no selection: {outcome.error}')
             return outcome
         if selection.outdated:
             self.get_logger().info(change(selection))
-            self._buffer.forget(selected_from[: selection.outdated])
+            self._buffer.forget(job.held[: selection.outdated])
+            self._num_seen = len(self._buffer)
             self._save()
+        self._log_warnings(selection)
         if not selection.indices:
             level = diagnostics.OK if is_undecided(selection) else diagnostics.WARN
-            self._so_far = level, headline(selection)
+            self._attempt = level, headline(selection)
             self.get_logger().info(f'{headline(selection)}: {evidence(selection)}')
             return outcome
-        if is_news(selection, self._selection):
+        previous = self._in_use.selection if self._in_use is not None else None
+        if is_news(selection, previous):
             self.get_logger().info(f'{headline(selection)}: {evidence(selection)}')
         selection = dataclasses.replace(selection, number=self._number + 1)
-        self._use(selection, time.monotonic(), outcome.cause)
+        self._use(selection, time.monotonic(), job.cause)
         self._save()
         return dataclasses.replace(outcome, selection=selection)
 
+    def _log_warnings(self, selection: Selection) -> None:
+        """Log what limits what the data show, each kind once."""
+        warnings = kinds_of_warnings(selection.warnings)
+        for kind in warnings.keys() - self._warned:
+            self.get_logger().warning(warnings[kind])
+        self._warned |= warnings.keys()
+
     def _use(self, selection: Selection, selected_at: float, cause: str) -> None:
-        self._selection, self._selected_at, self._cause = selection, selected_at, cause
         self._number = selection.number
-        self._so_far = NOTHING_SO_FAR
-        self._filter = StateFilter(selection.names)
-        self._drift = Drift(selection, self._settings['min_episodes'])
+        self._attempt = NOTHING_SO_FAR
+        self._in_use = SelectionInUse(
+            selection,
+            self._channel_names,
+            selected_at=selected_at,
+            cause=cause,
+            horizon=self._settings['min_episodes'],
+        )
+        self._relay.use(self._in_use)
         self._selection_publisher.publish(String(data=json.dumps(fields_of(selection))))
         self._indices_publisher.publish(conversions.indices_to_msg(selection.indices))
         header = Header(stamp=self.get_clock().now().to_msg())
@@ -338,6 +348,7 @@ class SelectorNode(Node):
             return
         for episode in saved.episodes:
             self._buffer.append(episode)
+        self._num_seen = len(self._buffer)
         self._input.assembler.channel_names = saved.channel_names
         self._input.assembler.actions.names = saved.action_names
         self._revision += 1
@@ -350,13 +361,14 @@ class SelectorNode(Node):
 
     def _save(self) -> None:
         if self._storage is not None:
-            selected_at = time.time() - (time.monotonic() - self._selected_at)
+            selection = self._in_use.selection if self._in_use is not None else None
+            selected_at = time.time() - self._in_use.age if self._in_use is not None else 0.0
             self._storage.save(
                 Saved(
                     self._channel_names,
                     self._buffer.snapshot(),
-                    self._selection,
-                    selected_at if self._selection is not None else 0.0,
+                    selection,
+                    selected_at,
                     action_names=self._action_names,
                 )
             )
@@ -369,11 +381,13 @@ class SelectorNode(Node):
     def _apply_parameters(self, changed: dict) -> None:
         if changed.keys() & SELECTION_PARAMETERS:
             self._revision += 1
-            self._last_error = ''
+            self._attempt = NOTHING_SO_FAR
         if {'min_episodes', 'max_episodes'} & changed.keys():
             self._buffer.max_episodes = self._max_episodes
         if 'max_buffer_mb' in changed:
             self._buffer.max_bytes = changed['max_buffer_mb'] * MEGABYTE
+        if 'layout' in changed:
+            self._relay.use(self._in_use)
         self._input.apply()
         if 'selection_timeout' in changed:
             self._queue.timeout = changed['selection_timeout']
@@ -401,7 +415,7 @@ class SelectorNode(Node):
     def _log_count(self) -> None:
         now, count, needed = time.monotonic(), len(self._buffer), self._settings['min_episodes']
         if (
-            self._selection is None
+            self._in_use is None
             and count > self._counted < needed
             and (now > self._counted_at + _PROGRESS_PERIOD or count >= needed)
         ):
@@ -412,21 +426,26 @@ class SelectorNode(Node):
         return f'{self.get_fully_qualified_name().lstrip("/")}: {what}'
 
     def _selection_status(self):
-        names = (*(self._channel_names or ()), 'the reward')
-        changed = [] if self._drift is None else self._drift.changed()
+        attempt = self._attempt
+        if self._in_use is None and attempt == NOTHING_SO_FAR:
+            attempt = diagnostics.OK, self._waiting_for()
         return selector_status.selection(
             self._status_name('selection'),
-            self._selection,
+            self._in_use,
+            relay=self._relay,
             queue=self._queue,
-            state_filter=self._filter,
-            changed=[names[channel] for channel in changed],
-            age=time.monotonic() - self._selected_at,
-            cause=self._cause,
-            so_far=self._so_far,
-            error=self._last_error,
-            episodes=len(self._buffer),
+            attempt=attempt,
             settings=self._settings,
         )
+
+    def _waiting_for(self) -> str:
+        count, needed = len(self._buffer), self._settings['min_episodes']
+        if count < needed:
+            return f'no selection yet; {counted(count, "episode")} of at least {needed}'
+        if self._selection_timer is None:
+            what = f'no selection yet; {counted(count, "episode")}, which is enough'
+            return f'{what}: call select_features, as selection_period is 0'
+        return f'no selection yet; the next one is from {counted(count, "episode")}'
 
 
 def _problem_for(target: str, episodes: Sequence[Episode]) -> str:

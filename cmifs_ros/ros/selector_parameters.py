@@ -12,6 +12,7 @@ from cmifs_ros.core.targets import RETURN, TARGETS
 from cmifs_ros.core.words import listed
 
 from .parameters import Spec
+from .selected_state import SELECTED_STATE_PARAMETERS
 
 #: Least selection_period in seconds, unless it is 0.
 LEAST_PERIOD = 0.1
@@ -77,8 +78,7 @@ PARAMETERS = (
     Spec('random_state', 0, 'Seed of the folds and kernel centres.', (0, 2**31 - 1)),
     Spec('worker_threads', 1, 'Processor cores that a selection may use; with kdr it uses one.',
          (1, 64)),
-    Spec('pass_through_until_selected', True,
-         'Republish all channels before the first selection, in place of none.'),
+    *SELECTED_STATE_PARAMETERS,
 )  # fmt: skip
 
 #: The parameters that a selection depends on.

@@ -3,32 +3,26 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
 from math import inf
 
 from diagnostic_msgs.msg import DiagnosticStatus
 
-from cmifs_ros.collect.episodes.filter import StateFilter
 from cmifs_ros.collect.selection_report import headline
-from cmifs_ros.core.selection import Selection
-from cmifs_ros.core.words import counted, listed
+from cmifs_ros.core.words import listed
 
 from . import diagnostics
+from .selection_in_use import SelectionInUse
 from .selection_queue import SelectionQueue
+from .state_relay import StateRelay
 
 
 def selection(
     name: str,
-    found: Selection | None,
+    in_use: SelectionInUse | None,
     *,
+    relay: StateRelay,
     queue: SelectionQueue,
-    state_filter: StateFilter | None,
-    changed: Sequence[str],
-    age: float,
-    cause: str,
-    so_far: tuple[bytes, str],
-    error: str,
-    episodes: int,
+    attempt: tuple[bytes, str],
     settings: dict,
 ) -> DiagnosticStatus:
     """Return the status of the selection.
@@ -37,22 +31,13 @@ def selection(
     ----------
     name : str
         Of the status.
-    found : Selection or None
-        The one in use, which `state_filter` applies.
+    in_use : SelectionInUse or None
+    relay : StateRelay
+        What applies it.
     queue : SelectionQueue
-    state_filter : StateFilter or None
-    changed : sequence of str
-        What no longer looks as it did when it was made.
-    age : float
-        In seconds.
-    cause : str
-        Why it was made.
-    so_far : tuple of bytes and str
-        Level and message of what the last attempt found if it confirmed nothing, or empty.
-    error : str
-        Why the last attempt failed, or empty.
-    episodes : int
-        Episodes that there are.
+    attempt : tuple of bytes and str
+        Level and message of the last attempt if it failed or confirmed nothing, or empty; what is
+        waited for if there is no selection.
     settings : dict
         The node's parameters.
 
@@ -64,34 +49,30 @@ def selection(
         'progress': f'{queue.progress:.0%}',
         'parameters': json.dumps({k: str(v) if v == inf else v for k, v in settings.items()}),
     }
-    if found is not None:
+    if in_use is not None:
+        found = in_use.selection
         values |= {
             'number': found.number,
             'names': listed(found.names),
             'indices': listed([str(index) for index in found.indices]),
-            'age in s': f'{age:.0f}',
-            'cause': cause,
+            'age in s': f'{in_use.age:.0f}',
+            'cause': in_use.cause,
             'episodes used': found.episodes,
             'seconds taken': f'{found.seconds:.2f}',
-            'states without a selected channel': state_filter.num_lacking,
+            'states without a selected channel': relay.num_lacking,
         }
-    if error:
-        level, message = diagnostics.ERROR, error
-    elif found is None and so_far[1]:
-        level, message = so_far
-    elif found is None:
-        level = diagnostics.OK
-        message = (
-            f'no selection yet; {counted(episodes, "episode")} of at least '
-            f'{settings["min_episodes"]}'
-        )
-    elif state_filter.is_lacking:
-        level, message = diagnostics.WARN, 'the newest state lacks a selected channel'
-    elif changed:
-        level = diagnostics.WARN
-        message = f'the data have changed since the selection: {listed(changed)}'
-    elif so_far[1]:
-        level, message = so_far[0], f'{headline(found)}; since then: {so_far[1]}'
-    else:
-        level, message = diagnostics.OK, headline(found)
+    if sampler := relay.other_publisher():
+        values['selected_state comes from'] = sampler
+    level, message = attempt
+    if level != diagnostics.ERROR and in_use is not None:
+        changed = in_use.changed()
+        if relay.is_lacking:
+            level, message = diagnostics.WARN, 'the newest state lacks a selected channel'
+        elif changed:
+            level = diagnostics.WARN
+            message = f'the data have changed since the selection: {listed(changed)}'
+        elif message:
+            message = f'{headline(in_use.selection)}; since then: {message}'
+        else:
+            message = headline(in_use.selection)
     return diagnostics.status(name, level, message, values)

@@ -45,6 +45,7 @@ class SelectorStorage:
         try:
             saved = read_episodes(path, max_episodes, max_bytes)
         except FileNotFoundError:
+            self.save(Saved(None, ()))  # A disk that lets nothing be saved is told of now.
             return None
         except (OSError, RefusedFileError) as error:
             reason = f'{path} {error.strerror}' if isinstance(error, OSError) else error
@@ -104,4 +105,6 @@ class SelectorStorage:
     def _log_error(self) -> None:
         if self._error not in ('', self._logged_error):
             self._node.get_logger().error(self._error)
+        elif self._logged_error and not self._error:
+            self._node.get_logger().info(f'{self._path} is saved again')
         self._logged_error = self._error

@@ -23,6 +23,7 @@ from rclpy.signals import SignalHandlerOptions
 from std_srvs.srv import Trigger
 from tqdm import tqdm
 
+from cmifs_ros.collect.advice import advice_lines, advice_of
 from cmifs_ros.collect.selection_fields import selection_of
 from cmifs_ros.collect.selection_report import headline
 from cmifs_ros.core.selection import Selection
@@ -50,12 +51,12 @@ GO_ON = [
 NUM_SHOWN = 3
 _LINE_WIDTH = 68
 READING = """\
-score      what the return shares with this sensor and those selected before
-           it (if it is not selected: with all that are); it may fall, since
-           more sensors are harder to learn from, and that does no harm
-null band  the scores of an uninformative sensor there, 5 % to 95 %
-p          from a test of its own, which is sharper than the score
-status     confirmed, undecided (more episodes may settle it) or dispensable"""
+adds       the share of the return's variance that the sensor predicts beside
+           the selected ones; an uninformative one is below 0 half of the time
+p          from a test of its own, which sees more than the share does
+status     confirmed: there is evidence; dispensable: there is none, and the
+           sensor adds less than {margin:.0%} (with 95 % confidence); undecided:
+           neither, and more episodes may settle it"""
 NEXT = """\
 your own robot next, from what it publishes already (docs/robot_file.md):
   ros2 bag record -a --include-hidden-topics -o my_bag
@@ -125,26 +126,27 @@ class Client(Node):
 def print_selection(selection: Selection, scenario: str) -> None:
     """Print the ranking with its evidence, and what to think of it."""
     print(f'\n{ranking_text(selection)}\n')
-    print(READING)
+    print(READING.format(margin=selection.margin))
     relevant = RELEVANT[scenario]
     found = [name for name in relevant if name in selection.names]
     count = len(channel_names(scenario))
     print(f'\n{headline(selection)}: {len(selection.names)} of {count} sensors')
     print(
         f'{len(found)} of the {len(relevant)} that matter in this world ({", ".join(relevant)}),\n'
-        f'{len(selection.names) - len(found)} of the {count - len(relevant)} that do not'
+        f'{len(selection.names) - len(found)} of the {count - len(relevant)} that do not\n'
     )
+    print('\n'.join(advice_lines(advice_of(selection))))
 
 
 def save_picture(selection: Selection, scenario: str, path: Path) -> None:
     """Save the ranking as a picture, with what matters in this world in bold."""
     figure = draw_ranking(selection)
-    top, bottom = figure.axes[0], figure.axes[-1]
-    for label in bottom.get_xticklabels():
+    (axes,) = figure.axes
+    for label in axes.get_yticklabels():
         if label.get_text() in RELEVANT[scenario]:
             label.set_fontweight('bold')
-    bottom.set_xlabel('sensor (bold: matters in this world)')
-    top.set_title(f'{scenario}: {selection.episodes} episodes, {selection.seconds:.1f} s', pad=18)
+    axes.set_ylabel('sensor (bold: matters in this world)')
+    figure.suptitle(f'{scenario}: {selection.episodes} episodes, {selection.seconds:.1f} s')
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=150)
 

@@ -10,9 +10,11 @@ from pathlib import Path
 
 import numpy as np
 
-from cmifs_ros.collect.selection_report import NOTHING_SELECTED
+from cmifs_ros.collect.advice import Advice, Item, advice_of, headed, text_of
+from cmifs_ros.collect.selection_report import nothing_selected, prediction
 from cmifs_ros.core import Episode
 from cmifs_ros.core.selection import Selection
+from cmifs_ros.core.targets import DECISION
 from cmifs_ros.core.words import counted
 
 from .ranking import (
@@ -21,9 +23,14 @@ from .ranking import (
     STATUS_COLORS,
     columns_of,
     draw_ranking,
+    draw_scores,
     figure_of,
+    further_columns,
     label_of,
+    score_columns,
+    variance_of,
 )
+from .reason_graph import draw_reasons
 
 _STYLE = """
 body { font: 16px/1.5 system-ui, sans-serif; max-width: 60rem; margin: 2rem auto; padding: 0 1rem;
@@ -32,21 +39,36 @@ table { border-collapse: collapse; } td, th { padding: .2rem .8rem; text-align: 
        border-bottom: 1px solid #d1d9e0; } td.number { text-align: right; white-space: nowrap; }
 td.name { max-width: 16rem; }
 img { max-width: 100%; } .note { color: #59636e; }
+.warning { background: #fff8c5; border: 1px solid #d4a72c; padding: .4rem .8rem; }
 """ + ' '.join(f'.{status} {{ color: {color}; }}' for status, color in STATUS_COLORS.items())
 #: So many names of channels or other sensors stand in a cell of the table.
 _MAX_NAMES = 20
 
-_READING_SCORES = 'The score is the criterion of the sensor with those taken before it.'
 _READING = (
-    'The score is what the return shares with the sensor and those selected before it; for a '
-    'sensor that is not selected, with all that are. Grey is the null band: the scores that an '
-    'uninformative sensor would have there. The score may fall from one sensor to the next, since '
-    'more sensors are harder to learn from; that does no harm. p comes from a test of its own, '
-    'which is sharper than the score. Confirmed: there is evidence that the '
-    'sensor is informative beside the others selected. Dispensable: there is none, and with 95 % '
-    'confidence it adds less than a margin to what the others predict. Undecided: neither; more '
-    'episodes may settle it. Below the selected sensors come first those that are likely to '
-    'be informative beside these and each other, then the rest by score, whatever their status.'
+    'A sensor adds the share of {variance} that it predicts beside the selected ones. The interval '
+    'holds the true share in 95 of 100 cases. The estimate is unbiased, so that of an '
+    'uninformative sensor it is below 0 half of the time. Confirmed: there is evidence that the '
+    'sensor is informative beside the others selected; p comes from a test of its own that sees '
+    'more than the share does, so a sensor may be confirmed and add little. Dispensable: there is '
+    'no such evidence, and with 95 % confidence the sensor adds less than {margin:.0%}; that bound '
+    'is on one side, so the interval may reach a little further. '
+    'Undecided: neither; more episodes may settle it. All sensors together may predict less than '
+    'the selected ones, since each uninformative sensor makes the prediction harder to learn.'
+)
+_READING_WHY = (
+    ' Why: the reward depends on the sensor, or the sensor predicts the next value of another that '
+    'is needed, and so on up to the reward.'
+)
+_READING_SCORES = 'The score is the criterion of the sensor with those taken before it.'
+_READING_BAND = (
+    'The score ranks; it is not the evidence. It is what the target shares with the sensor and '
+    'those selected before it; for a sensor that is not selected, with all that are. Grey is the '
+    'null band: the scores that an uninformative sensor would have there. More sensors are harder '
+    'to learn from, so the score may fall from one sensor to the next, and that of a confirmed '
+    'sensor may lie within the band; its p-value, above, comes from a sharper test.'
+)
+_READING_ADVICE = (
+    'Dispensable sensors are so beside those to keep. A topic can go when all its channels can.'
 )
 
 
@@ -56,6 +78,8 @@ def write_report(
     episodes: Sequence[Episode],
     names: Sequence[str],
     dropped: Mapping[str, int],
+    *,
+    advice: Advice | None = None,
 ) -> Path:
     """Write a page about a selection and return its path, `folder`/index.html.
 
@@ -70,6 +94,8 @@ def write_report(
         Of the channels of the episodes.
     dropped : mapping of str to int
         How many messages, steps or episodes were dropped, by cause.
+    advice : Advice, optional
+        What follows, by topic; without it, by sensor.
 
     Raises
     ------
@@ -86,17 +112,20 @@ def write_report(
             f'there are {len(names)} names; expected {episodes[0].num_channels}, '
             'one for each channel of the episodes'
         )
-    selected = ', '.join(selection.names) or f'nothing: {NOTHING_SELECTED}'
+    selected = ', '.join(selection.names) or f'nothing: {nothing_selected(selection)}'
     states = np.concatenate([episode.states for episode in episodes])
-    is_tested = any(sensor.pvalue is not None for sensor in selection.sensors)
+    warnings = ''.join(f'<p class="warning">{escape(text)}</p>' for text in selection.warnings)
     parts = [
         f'<h1>Selected: {escape(selected)}</h1>',
+        warnings,
         f'<p>From {counted(selection.episodes, "episode")}, {counted(selection.steps, "step")}, '
         f'{counted(len(names), "channel")}, in {selection.seconds:.1f} s.</p>',
-        '<h2>Ranking</h2>',
-        f'<p class="note">{_READING if is_tested else _READING_SCORES}</p>',
-        _image(draw_ranking(selection), 'score of each sensor of the ranking'),
+        '<h2>What each sensor adds</h2>' if _is_tested(selection) else '<h2>Ranking</h2>',
+        _image(draw_ranking(selection), f'ranking: {prediction(selection)}'),
         _ranking_table(selection),
+        _reading(selection),
+        _reasons(selection),
+        _scores(selection),
         '<h2>Correlation of the selected with the other channels</h2>',
         '<p class="note">Of the values at all steps. A channel that correlates with a selected '
         'one may be left out because it says the same again.</p>',
@@ -105,6 +134,7 @@ def write_report(
         _image(_draw_returns(episodes), 'histogram of the returns'),
         '<h2>Dropped</h2>',
         _dropped_table(dropped),
+        _advice(advice_of(selection) if advice is None else advice),
     ]
     page = (
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
@@ -120,6 +150,50 @@ def write_report(
     return path
 
 
+def _is_tested(selection: Selection) -> bool:
+    return any(sensor.pvalue is not None for sensor in selection.sensors)
+
+
+def _sentence(text: str) -> str:
+    return text[0].upper() + text[1:]
+
+
+def _reading(selection: Selection) -> str:
+    if not _is_tested(selection):
+        return f'<p class="note">{_READING_SCORES}</p>'
+    text = _READING.format(variance=variance_of(selection), margin=selection.margin or 0.0)
+    text += _READING_WHY if selection.target == DECISION else ''
+    return f'<p class="note">{text}</p>'
+
+
+def _reasons(selection: Selection) -> str:
+    figure = draw_reasons(selection) if selection.target == DECISION else None
+    return '' if figure is None else _image(figure, 'what each sensor is needed for')
+
+
+def _scores(selection: Selection) -> str:
+    """Return the paper's scores in their null band, where they are not the ranking itself."""
+    if not _is_tested(selection):
+        return ''
+    picture = _image(draw_scores(selection), 'score of each sensor of the ranking')
+    return f'<h2>The score of the paper</h2><p class="note">{_READING_BAND}</p>{picture}'
+
+
+def _advice(advice: Advice) -> str:
+    """Return the three lists of the advice, or nothing."""
+    found = headed(advice)
+    lists = [f'<h3>{escape(_sentence(heading))}</h3>{_list(items)}' for heading, items in found]
+    if not found:
+        return ''
+    reading = f'<p class="note">{advice.scope} {_READING_ADVICE}</p>'
+    return f'<h2>What to keep, and what can go</h2>{reading}{"".join(lists)}'
+
+
+def _list(items: Sequence[Item]) -> str:
+    points = ''.join(f'<li>{escape(text_of(item))}</li>' for item in items)
+    return f'<ul>{points}</ul>' if points else '<p>Nothing.</p>'
+
+
 def _image(figure, description: str) -> str:
     stream = io.BytesIO()
     figure.savefig(stream, format='png', dpi=100)
@@ -128,7 +202,8 @@ def _image(figure, description: str) -> str:
 
 
 def _ranking_table(selection: Selection) -> str:
-    columns = columns_of(selection, _MAX_NAMES)
+    columns = columns_of(selection) + further_columns(selection, _MAX_NAMES)
+    columns += score_columns(selection) if _is_tested(selection) else []
     rows = [f'<tr>{"".join(f"<th>{column.heading}</th>" for column in columns)}</tr>']
     for i in range(len(selection.changing)):
         cells = []

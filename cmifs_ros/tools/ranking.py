@@ -1,14 +1,24 @@
-"""A ranking as its readers see it: a table of text, and a picture."""
+"""A ranking as its readers see it: a table of text, and pictures."""
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from cmifs_ros.core.selection import Selection
+from cmifs_ros.collect.selection_report import (
+    LINE_WIDTH,
+    PREDICTED,
+    interval,
+    prediction,
+    reason,
+    share,
+)
+from cmifs_ros.core.selection import Selection, SensorResult
 from cmifs_ros.core.statuses import CONFIRMED, DISPENSABLE, UNDECIDED
+from cmifs_ros.core.targets import DECISION
 from cmifs_ros.core.words import listed
 
 #: Sensors of the ranking, and channels beside the selected, that a picture can show legibly.
@@ -17,8 +27,6 @@ STATUS_COLORS = {CONFIRMED: '#1a7f37', UNDECIDED: '#9a6700', DISPENSABLE: '#6e77
 PLAIN_COLOR = '#0969da'
 #: Beside which others a sensor is scored.
 _TAKEN, _OTHERS = 'selected: each with those before it', 'others: each with the selected alone'
-#: Smaller p-values are drawn here; nobody takes them literally.
-_LEAST_PVALUE = 1e-8
 
 
 def figure_of(width: float, height: float):
@@ -35,46 +43,80 @@ def label_of(name: str) -> str:
 
 
 def draw_ranking(selection: Selection):
+    """Return a figure of what each sensor adds, with its interval; else of the scores.
+
+    Each sensor is a bar, the best above, in the colour of its status, and its p-value a text. A
+    line shows the margin. Sensors that never changed are left out.
+    """
+    sensors = [sensor for sensor in selection.changing if sensor.effect is not None][:MAX_SHOWN]
+    if not sensors:
+        return draw_scores(selection)
+    figure = figure_of(9, 1.6 + 0.26 * len(sensors))
+    axes = figure.subplots()
+    for status in dict.fromkeys(sensor.status for sensor in sensors):
+        here = [i for i, sensor in enumerate(sensors) if sensor.status == status]
+        shares = np.array([sensors[i].effect.share for i in here])
+        low = np.array([sensors[i].effect.low for i in here])
+        high = np.array([sensors[i].effect.high for i in here])
+        axes.barh(
+            here, 100 * shares, xerr=100 * np.array([shares - low, high - shares]), height=0.62,
+            color=STATUS_COLORS[status], label=status, ecolor='0.2', capsize=2.5,
+        )  # fmt: skip
+    if selection.margin is not None:
+        axes.axvline(
+            100 * selection.margin, color='0.3', linestyle='--', linewidth=1,
+            label=f'margin: {selection.margin:.0%}',
+        )  # fmt: skip
+    for place, sensor in enumerate(sensors):
+        why = label_of(reason(selection, sensor))
+        axes.text(
+            1.01, place, f'p = {sensor.pvalue:.2g}' + (f', {why}' if why else ''),
+            va='center', color='0.3', fontsize='small', transform=axes.get_yaxis_transform(),
+        )  # fmt: skip
+    axes.axvline(0, color='0.2', linewidth=0.8)
+    axes.set_yticks(range(len(sensors)), [label_of(sensor.name) for sensor in sensors])
+    for label, sensor in zip(axes.get_yticklabels(), sensors, strict=True):
+        label.set_color(STATUS_COLORS[sensor.status])  # Bars may be too short to tell.
+    axes.set_ylim(len(sensors) - 0.4, -0.6)
+    axes.set_xlabel(f'adds, in % of {variance_of(selection)} (with the 95 % interval)')
+    axes.set_title(prediction(selection).replace('; ', ';\n'), loc='left', fontsize='medium')
+    axes.legend()
+    return figure
+
+
+def variance_of(selection: Selection) -> str:
+    """Return what the effects are shares of."""
+    of = (
+        'reward or of a next value' if selection.target == DECISION else PREDICTED[selection.target]
+    )
+    return f'the variance of the {of}'
+
+
+def draw_scores(selection: Selection):
     """Return a figure of the scores over the null band.
 
     No line joins the scores: each is one of its own, to be compared with the band at its place.
-    Below are the p-values, which decide. Sensors that never changed are left out.
+    Sensors that never changed are left out.
     """
     sensors = selection.changing[:MAX_SHOWN]
     places = np.arange(len(sensors))
-    is_tested = any(sensor.pvalue is not None for sensor in sensors)
-    if is_tested:
-        figure = figure_of(9, 5)
-        axes, of_pvalues = figure.subplots(2, sharex=True, height_ratios=(2, 1))
+    figure = figure_of(9, 3.6)
+    axes = figure.subplots()
+    has_bands = all(sensor.null_band is not None for sensor in sensors)
+    if sensors and has_bands:
         low, median, high = np.transpose([sensor.null_band for sensor in sensors])
         axes.fill_between(
             places, low, high, color='0.85', step='mid', label='null band: 5 % to 95 %'
         )
         axes.step(places, median, where='mid', color='0.6', label='its median')
-    else:
-        figure = figure_of(9, 4)
-        axes = of_pvalues = figure.subplots()
-    for status in dict.fromkeys(sensor.status for sensor in sensors):
-        here = [i for i, sensor in enumerate(sensors) if sensor.status == status]
-        color = STATUS_COLORS.get(status, PLAIN_COLOR)
-        scores = [sensors[i].score for i in here]
-        axes.plot(here, scores, 'o', color=color, zorder=3, label=status or 'score')
-        if is_tested:
-            pvalues = [max(sensors[i].pvalue, _LEAST_PVALUE) for i in here]
-            of_pvalues.plot(here, pvalues, 'o', color=color)
-    if is_tested:
-        of_pvalues.set_yscale('log')
-        of_pvalues.set_ylim(3, _LEAST_PVALUE / 3)
-        of_pvalues.set_ylabel('p')
-        of_pvalues.grid(axis='y', color='0.9')
+    axes.plot(places, [sensor.score for sensor in sensors], 'o', color=PLAIN_COLOR, label='score')
     labels = [label_of(sensor.name) for sensor in sensors]
-    of_pvalues.set_xticks(places, labels, rotation=45, ha='right', rotation_mode='anchor')
-    of_pvalues.set_xlabel('sensor')
+    axes.set_xticks(places, labels, rotation=45, ha='right', rotation_mode='anchor')
+    axes.set_xlabel('sensor')
     axes.set_ylabel('score')
     count = sum(sensor.is_selected for sensor in sensors)
-    if is_tested and 0 < count < len(sensors):
-        for part in figure.axes:
-            part.axvline(count - 0.5, color='0.4', linestyle=':')
+    if has_bands and 0 < count < len(sensors):
+        axes.axvline(count - 0.5, color='0.4', linestyle=':')
         for place, side, text in ((0, 'left', _TAKEN), (1, 'right', _OTHERS)):
             axes.text(place, 1.01, text, ha=side, color='0.3', transform=axes.transAxes)
     if sensors:
@@ -90,13 +132,32 @@ class Column(NamedTuple):
     is_text: bool = False
 
 
-def columns_of(selection: Selection, most_names: int) -> list[Column]:
-    """Return the columns of the ranking, without those that hold nothing.
+def columns_of(selection: Selection) -> list[Column]:
+    """Return the columns that lead: what each sensor adds and the evidence, or else the score.
+
+    Sensors that never changed are left out, here and in the further columns.
+    """
+    sensors = selection.changing
+    effects = [sensor.effect for sensor in sensors]
+    evidence = [
+        Column('adds', ['' if e is None else share(e.share) for e in effects]),
+        Column('95 % interval', ['' if e is None else interval(e) for e in effects]),
+        Column('status', [s.status or '' for s in sensors], is_text=True),
+        Column('p', ['' if s.pvalue is None else f'{s.pvalue:.2g}' for s in sensors]),
+    ]
+    return [
+        Column('rank', [str(place) for place in range(1, len(sensors) + 1)]),
+        Column('sensor', [s.name for s in sensors], is_text=True),
+        *(_filled(evidence) or score_columns(selection)),
+    ]
+
+
+def further_columns(selection: Selection, most_names: int) -> list[Column]:
+    """Return the columns of names, without those that hold nothing.
 
     Parameters
     ----------
     selection : Selection
-        Its sensors that never changed are left out.
     most_names : int
         So many names of channels or other sensors stand in a cell.
 
@@ -107,35 +168,50 @@ def columns_of(selection: Selection, most_names: int) -> list[Column]:
         more = f' and {len(names) - most_names} more' if len(names) > most_names else ''
         return ', '.join(names[:most_names]) + more
 
-    # The channel that is the sensor itself says nothing more.
-    supporting = [
-        () if s.supporting_channels == (s.name,) else s.supporting_channels for s in sensors
-    ]
-    bands = [sensor.null_band for sensor in sensors]
-    found = [
-        Column('null band', [f'{b[0]:.3f} to {b[2]:.3f}' if b else '' for b in bands]),
-        Column('p', ['' if s.pvalue is None else f'{s.pvalue:.2g}' for s in sensors]),
-        Column('status', [s.status or '' for s in sensors], is_text=True),
-        Column('stability', ['' if s.stability is None else f'{s.stability:.0%}' for s in sensors]),
-        Column('supporting channels', list(map(listed_in, supporting)), is_text=True),
-        Column('redundant with', [listed_in(s.redundant_with) for s in sensors], is_text=True),
-    ]
+    supporting = [listed_in(_supporting(sensor)) for sensor in sensors]
+    stability = ['' if s.stability is None else f'{s.stability:.0%}' for s in sensors]
+    return _filled(
+        [
+            Column('why', [reason(selection, sensor) for sensor in sensors], is_text=True),
+            Column('stability', stability),
+            Column('supporting channels', supporting, is_text=True),
+            Column('redundant with', [listed_in(s.redundant_with) for s in sensors], is_text=True),
+        ]
+    )
+
+
+def score_columns(selection: Selection) -> list[Column]:
+    """Return the paper's score, and its null band if there is one."""
+    bands = [sensor.null_band for sensor in selection.changing]
     return [
-        Column('rank', [str(place) for place in range(1, len(sensors) + 1)]),
-        Column('sensor', [s.name for s in sensors], is_text=True),
-        Column('score', [f'{s.score:.3f}' for s in sensors]),
-        *(column for column in found if any(column.cells)),
+        Column('score', [f'{sensor.score:.3f}' for sensor in selection.changing]),
+        *_filled([Column('null band', [f'{b[0]:.3f} to {b[2]:.3f}' if b else '' for b in bands])]),
     ]
+
+
+def _supporting(sensor: SensorResult) -> tuple[str, ...]:
+    # The channel that is the sensor itself says nothing more.
+    return () if sensor.supporting_channels == (sensor.name,) else sensor.supporting_channels
+
+
+def _filled(columns: Sequence[Column]) -> list[Column]:
+    return [column for column in columns if any(column.cells)]
 
 
 def ranking_text(selection: Selection) -> str:
-    """Return the ranking as a table, with the evidence where there is any."""
+    """Return the ranking as a table, with warnings above and what it predicts below."""
+    lines = [
+        line
+        for warning in selection.warnings
+        for line in textwrap.wrap(f'warning: {warning}', LINE_WIDTH, subsequent_indent='  ')
+    ]
+    lines += [''] if lines else []
     padded = []
-    for heading, cells, is_text in columns_of(selection, most_names=2):
+    for heading, cells, is_text in columns_of(selection) + further_columns(selection, 2):
         width = max(map(len, [heading, *cells]))
         align = str.ljust if is_text else str.rjust
         padded.append([align(cell, width) for cell in (heading, *cells)])
-    lines = ['  '.join(row).rstrip() for row in zip(*padded, strict=True)]
+    lines += ['  '.join(row).rstrip() for row in zip(*padded, strict=True)]
     constant = [sensor.name for sensor in selection.sensors if sensor.is_constant]
     lines += [f'never changed: {listed(constant)}'] if constant else []
-    return '\n'.join(lines)
+    return '\n'.join([*lines, *textwrap.wrap(prediction(selection), LINE_WIDTH)])

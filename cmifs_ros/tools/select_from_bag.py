@@ -10,6 +10,7 @@ import time
 from collections import Counter
 from pathlib import Path
 
+from cmifs_ros.collect.advice import Advice, advice_lines, advice_of
 from cmifs_ros.collect.bag import BagEpisodes, BagError, episodes_of_bag
 from cmifs_ros.collect.discount import Discount, in_words
 from cmifs_ros.collect.episodes import file as episode_file
@@ -20,9 +21,9 @@ from cmifs_ros.collect.robot_file import RobotFile, RobotFileError, load_robot_f
 from cmifs_ros.collect.robot_file.model import SOURCES
 from cmifs_ros.collect.selection_fields import fields_of
 from cmifs_ros.collect.sensor_groups import groups_by_name
+from cmifs_ros.collect.traffic import rates_of
 from cmifs_ros.core import ConditionalMISelector
 from cmifs_ros.core.selection import Selection, select
-from cmifs_ros.core.statuses import DISPENSABLE
 from cmifs_ros.core.targets import ACTION, RETURN, TARGETS
 from cmifs_ros.core.words import counted, first
 
@@ -191,8 +192,7 @@ def _select(bags: list[BagEpisodes], robot: RobotFile | None, options: argparse.
         (selection,) = Parallel(1)([job])
     except ValueError as error:  # of the settings or the episodes
         raise CommandError(str(error)) from error
-    dropped = sum((Counter(bag.dropped) for bag in bags), Counter())
-    _write(selection, pool, dropped, robot, options)
+    _write(selection, pool, bags, robot, options)
 
 
 def _source(robot: RobotFile | None) -> str:
@@ -216,13 +216,15 @@ def _gamma(pool: Pool, robot: RobotFile | None, options: argparse.Namespace) -> 
 def _write(
     selection: Selection,
     pool: Pool,
-    dropped: Counter[str],
+    bags: list[BagEpisodes],
     robot: RobotFile | None,
     options: argparse.Namespace,
 ) -> None:
     from .html_report import write_report
     from .ranking import draw_ranking, ranking_text
 
+    dropped = sum((Counter(bag.dropped) for bag in bags), Counter())
+    advice = _advice(selection, bags, robot)
     print(f'\n{ranking_text(selection)}\n')
     print(f'selected: {", ".join(selection.names) or "nothing"} ({selection.seconds:.1f} s)')
     options.out.mkdir(parents=True, exist_ok=True)
@@ -240,20 +242,26 @@ def _write(
         written.append(options.episodes_file)
     if options.topics:
         options.topics.parent.mkdir(parents=True, exist_ok=True)
-        options.topics.write_text(_record_arguments(selection, robot) + '\n')
+        options.topics.write_text(_record_arguments(advice, robot) + '\n')
         written.append(options.topics)
     if options.report:
-        written.append(
-            write_report(options.report, selection, pool.episodes, pool.channel_names, dropped)
-        )
+        of_pool = pool.episodes, pool.channel_names
+        written.append(write_report(options.report, selection, *of_pool, dropped, advice=advice))
     print(f'written: {", ".join(map(str, written))}')
+    print('\n'.join(['', *advice_lines(advice)]))
 
 
-def _record_arguments(selection: Selection, robot: RobotFile) -> str:
-    """Return what `ros2 bag record` takes to record all but what is dispensable."""
-    worth = [sensor for sensor in selection.sensors if sensor.status != DISPENSABLE]
-    channels = [channel for sensor in worth for channel in sensor.channels]
-    topics = robot.topics_for(channels)
+def _advice(selection: Selection, bags: list[BagEpisodes], robot: RobotFile | None) -> Advice:
+    if robot is None:
+        return advice_of(selection)
+    rates = rates_of([bag.traffic for bag in bags])
+    return advice_of(selection, robot.channel_topics, rates, robot.topics_for(()))
+
+
+def _record_arguments(advice: Advice, robot: RobotFile) -> str:
+    """Return what `ros2 bag record` takes to record all but the topics that can go."""
+    gone = {item.name for item in advice.can_go} - set(robot.topics_for(()))
+    topics = [topic for topic in robot.topics if topic not in gone]
     hidden = ['--include-hidden-topics'] if any('/_' in topic for topic in topics) else []
     return ' '.join([*hidden, '--topics', *topics])
 

@@ -11,17 +11,18 @@ from rich.rule import Rule
 from rich.table import Table
 from rich.text import Text
 
-from cmifs_ros.collect.selection_report import redundancies
+from cmifs_ros.collect.selection_report import prediction, reason, redundancies
 from cmifs_ros.core.selection import Selection
 from cmifs_ros.core.statuses import CONFIRMED, DISPENSABLE, UNDECIDED
-from cmifs_ros.core.words import counted
+from cmifs_ros.core.words import counted, first, short
+
+from .ranking import Column, columns_of
 
 #: By level of diagnostic_msgs/DiagnosticStatus: word and style. The word tells without colour.
 LEVELS = (('ok', 'green'), ('warn', 'yellow'), ('error', 'bold red'), ('stale', 'magenta'))
 _STATUS_STYLES = {CONFIRMED: 'green', UNDECIDED: 'yellow', DISPENSABLE: 'dim'}
 #: Seconds without diagnostics, which come once a second, after which the selector seems gone.
 GONE_AFTER = 5.0
-_BAR_WIDTH = 16
 _NAME_WIDTH = 24
 #: What the sampler says of its steps, beside what it says of each topic.
 _STEPS = 'steps'
@@ -87,6 +88,8 @@ def view(snapshot: Snapshot, max_sensors: int = 40) -> Group:
         parts.append(
             Text(f'nothing heard for {snapshot.silence:.0f} s; below is the last', LEVELS[2][1])
         )
+    warnings = snapshot.selection.warnings if snapshot.selection is not None else ()
+    parts += [Text.assemble(('warning', LEVELS[1][1]), ' ', _plain(text)) for text in warnings]
     facts = Table.grid(padding=(0, 2))
     facts.add_column(style='bold')
     facts.add_column(overflow='fold')
@@ -170,8 +173,8 @@ def _selection_lines(snapshot: Snapshot):
             f'{counted(values.get("episodes used", "?"), "episode")} '
             f'in {values.get("seconds taken", "?")} s'
         )
-    if selection is not None and redundancies(selection):
-        yield _plain(f'redundant: {redundancies(selection)}')
+    if selection is not None:
+        yield from map(_plain, _facts(selection))
     if snapshot.unreadable:
         yield _plain(f'the topic selection cannot be read: {snapshot.unreadable[:_MAX_REASON]}')
     worker = f'worker {values.get("worker", "?")}'
@@ -179,6 +182,17 @@ def _selection_lines(snapshot: Snapshot):
         worker += f' for {values.get("computing for s", "?")} s'
         worker += f', {values["progress"]} done' if 'progress' in values else ''
     yield _plain(worker)
+
+
+def _facts(selection: Selection):
+    """Yield what a selection says beside its ranking."""
+    if predicted := prediction(selection):
+        yield predicted
+    reasons = [(sensor, reason(selection, sensor)) for sensor in selection.sensors]
+    if why := first([f'{short(sensor.name)} ({text})' for sensor, text in reasons if text]):
+        yield f'why: {why}'
+    if redundancies(selection):
+        yield f'redundant: {redundancies(selection)}'
 
 
 def _storage_lines(snapshot: Snapshot):
@@ -205,33 +219,22 @@ def _age(seconds: str) -> str:
 
 
 def _ranking(selection: Selection, max_sensors: int):
-    sensors = selection.changing
-    best = max([*(sensor.score for sensor in sensors), 0.0])
-    is_tested = any(sensor.pvalue is not None for sensor in sensors)
+    columns = columns_of(selection)
     table = Table(box=None, pad_edge=False, header_style='bold')
-    table.add_column('', justify='right')
-    table.add_column('sensor', no_wrap=True)
-    table.add_column('score', justify='right', no_wrap=True)
-    table.add_column('', width=_BAR_WIDTH)
-    if is_tested:
-        table.add_column('p', justify='right', no_wrap=True)
-        table.add_column('status', no_wrap=True)
-    for rank, sensor in enumerate(sensors[:max_sensors], start=1):
-        share = max(0.0, sensor.score / best) if best > 0 else 0.0
-        row = [
-            Text(str(rank)),
-            _plain(_short(sensor.name)),
-            Text(f'{sensor.score:.3f}'),
-            Text('█' * round(_BAR_WIDTH * share), 'cyan'),
-        ]
-        if is_tested:
-            pvalue = '' if sensor.pvalue is None else f'{sensor.pvalue:.2g}'
-            status = sensor.status or ''
-            row += [Text(pvalue), Text(status, _STATUS_STYLES.get(status, ''))]
-        table.add_row(*row)
+    for heading, _, is_text in columns:
+        table.add_column(heading, justify='left' if is_text else 'right', no_wrap=True)
+    for row in list(zip(*(column.cells for column in columns), strict=True))[:max_sensors]:
+        table.add_row(*(_cell(*cell) for cell in zip(columns, row, strict=True)))
     yield table
-    if len(sensors) > max_sensors:
-        yield Text(f'and {len(sensors) - max_sensors} more')
-    num_constant = len(selection.sensors) - len(sensors)
+    num_shown = len(selection.changing)
+    if num_shown > max_sensors:
+        yield Text(f'and {num_shown - max_sensors} more')
+    num_constant = len(selection.sensors) - num_shown
     if num_constant:
         yield Text(f'{counted(num_constant, "sensor")} never changed')
+
+
+def _cell(column: Column, value: str) -> Text:
+    if column.heading == 'status':
+        return Text(value, _STATUS_STYLES.get(value, ''))
+    return _plain(_short(value) if column.heading == 'sensor' else value)

@@ -42,12 +42,11 @@ class Constant(NamedTuple):
 CONSTANTS = (
     Constant('evidence', '_NUM_CENTERS', (25, 100)),
     Constant('evidence', '_NUM_FUNCTIONS', (30, 120)),
-    Constant('evidence', '_LAMBDAS', ((1.0,), (0.0,), (0.0, 0.6, 1.0))),
     Constant('evidence', '_LEAST_OWN_SHARE', (1e-5, 1e-2)),
     Constant('episode_rows', '_MAX_ROWS', (2000,)),
     Constant('episode_rows', '_NUM_FOLDS', (3, 10)),
     Constant('episode_rows', '_MAX_SHIFTS', (20,)),
-    Constant('products', '_WHITENINGS', (np.array([1e-1]), np.array([1e-2]), np.array([1e-3]))),
+    Constant('products', '_LEAST_VARIANCE', (1e-1, 1e-3)),
     Constant('kernel_regression', '_WIDTHS', ((1.2,), (0.6, 2.4))),
     Constant('kernel_regression', '_RANKS', (np.array([0, 4, 16, 64]), np.arange(91))),
     Constant('drift', '_PRICE', (2.0, 1e9)),

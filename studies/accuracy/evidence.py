@@ -16,50 +16,79 @@ import numpy as np
 from cmifs_ros.tools.program import CommandError, exit_code
 from studies.methods.registry import METHODS
 from studies.tasks.registry import TASKS, what_is_missing
-from studies.trials.arguments import add_log, study_parser
+from studies.trials.arguments import add_log, add_names, study_parser
 from studies.trials.log import TrialLog
 from studies.trials.parallel import finish
 from studies.trials.tables import markdown_table
 from studies.trials.trial import Trial
 
-#: Whether a trial shows what is asked for, from the names that were selected, in their order,
-#: and those that are relevant.
-Question = Callable[[list[str], set[str]], bool]
+#: Whether a trial shows what is asked for, or to what share, from the names that were selected, in
+#: their order, those that are relevant, and the others.
+Question = Callable[[list[str], set[str], set[str]], float]
 
 
-def exactly(selected: list[str], relevant: set[str]) -> bool:
+def exactly(selected: list[str], relevant: set[str], others: set[str]) -> bool:
     """All that is relevant and nothing else."""
     return set(selected) == relevant
 
 
-def are_first(selected: list[str], relevant: set[str]) -> bool:
+def are_first(selected: list[str], relevant: set[str], others: set[str]) -> bool:
     """All that is relevant, before anything else."""
     return set(selected[: len(relevant)]) == relevant
 
 
-def all_found(selected: list[str], relevant: set[str]) -> bool:
+def all_found(selected: list[str], relevant: set[str], others: set[str]) -> bool:
     """All that is relevant, whatever else."""
     return relevant <= set(selected)
 
 
-def one_of_a_pair(selected: list[str], relevant: set[str]) -> bool:
+def one_of_a_pair(selected: list[str], relevant: set[str], others: set[str]) -> bool:
     """Either x or its copy, and the weaker sensor y."""
     return len({'x', 'copy'} & set(selected)) == 1 and 'y' in selected
 
 
-def the_other_of_a_pair(selected: list[str], relevant: set[str]) -> bool:
+def the_other_of_a_pair(selected: list[str], relevant: set[str], others: set[str]) -> bool:
     """Either x or its copy, and nothing else."""
     return len(selected) == 1 and selected[0] in ('x', 'copy')
 
 
-def anything(selected: list[str], relevant: set[str]) -> bool:
+def anything(selected: list[str], relevant: set[str], others: set[str]) -> bool:
     """Any sensor at all."""
     return bool(selected)
 
 
-def anything_else(selected: list[str], relevant: set[str]) -> bool:
+def anything_else(selected: list[str], relevant: set[str], others: set[str]) -> bool:
     """Something that is not relevant."""
     return bool(set(selected) - relevant)
+
+
+def a_force(selected: list[str], relevant: set[str], others: set[str]) -> bool:
+    """Either force, or both."""
+    return bool(set(selected) & relevant)
+
+
+def noise(selected: list[str], relevant: set[str], others: set[str]) -> bool:
+    """Noise."""
+    return any(name.startswith('noise_') for name in selected)
+
+
+def the_weak_one(selected: list[str], relevant: set[str], others: set[str]) -> bool:
+    """Weak sensor."""
+    return 'weak' in selected
+
+
+def half_a_pair(selected: list[str], relevant: set[str], others: set[str]) -> bool:
+    """One of two that matter only together."""
+    return bool(set(selected) & relevant)
+
+
+def share_of_irrelevant(selected: list[str], relevant: set[str], others: set[str]) -> float:
+    """Each irrelevant sensor."""
+    return len(set(selected) & others) / len(others)
+
+
+#: What tables call ours, whatever is asked of it.
+OURS = ('default', 'automatic', 'automatic_shuffled')
 
 
 class Row(NamedTuple):
@@ -98,6 +127,55 @@ ROWS = (
     Row('beside', 60, anything_else, '<= 7 % each'),
     Row('drift', 60, anything, '<= 5 %'),
     Row('wandering', 100, anything, '<= 5 %'),
+    *(
+        Row(f'readme_reward_{factor}', 60, question, asked, method)
+        for factor, power in (('0.1', 'to see'), ('1', '>= 90 %'), ('10', '>= 90 %'))
+        for question, asked, method in (
+            *((all_found, power, 'automatic'), (all_found, 'to compare', 'linear')),
+            (noise, '<= 5 %', 'automatic'),
+        )
+    ),
+    Row('rare_goal', 150, all_found, '>= 90 %'),
+    Row('rare_goal', 150, all_found, 'to compare', 'linear'),
+    Row('rare_goal', 150, anything_else, '<= 5 %'),
+    Row('one_great_penalty', 60, all_found, '>= 90 %'),
+    Row('grasps', 80, a_force, '>= 80 %'),
+    Row('grasps', 80, anything_else, '<= 5 %'),
+    Row('heavy_tails', 60, anything_else, '<= 5 %'),
+    *(
+        Row(f'windows_memory_{memory}', windows, anything, '<= 5 %')
+        for memory in (0, 50, 200, 1000)
+        for windows in (50, 200)
+    ),
+    *(
+        Row('weak_sensor', episodes, question, asked, method)
+        for episodes in (400, 1600)
+        for question, asked, method in (
+            *((the_weak_one, 'as the linear model', 'automatic'), (noise, '<= 5 %', 'automatic')),
+            *((the_weak_one, 'to compare', 'linear'), (are_first, 'to compare', 'forest')),
+        )
+    ),
+    *(
+        Row(fleet, 60, question, asked)
+        for fleet in ('fleet', 'fleet_without_sources')
+        for question, asked in ((all_found, '>= 80 %'), (anything_else, '<= 5 %'))
+    ),
+    *(
+        Row('three_percent', episodes, the_weak_one, '<= 5 %', 'dispensable')
+        for episodes in (30, 60, 100, 300)
+    ),
+    *(
+        Row(task, 100, share_of_irrelevant, '>= 80 %', 'dispensable')
+        for task in ('three_percent', 'without_gravel', 'with_gravel')
+    ),
+    *(
+        Row(pair, episodes, half_a_pair, 'never', 'dispensable')
+        for pair, numbers in (
+            *(('two_switches', (10, 20)), ('faint_switches', (30, 100))),
+            ('faint_product', (30, 100)),
+        )
+        for episodes in numbers
+    ),
     *(Row('independent_noise', episodes, anything, '<= 5 %') for episodes in (6, 10, 15)),
     *(
         Row(task, episodes, anything, '<= 5 %', 'automatic_shuffled')
@@ -115,11 +193,11 @@ def run(options: argparse.Namespace) -> None:
         log = TrialLog(options.log)
     except (OSError, ValueError) as error:
         raise CommandError(str(error)) from error
-    missing = {task: what_is_missing(task) for task in dict.fromkeys(row.task for row in ROWS)}
+    missing = {task: what_is_missing(task) for task in options.tasks}
     for task, hint in missing.items():
         if hint:
             print(f'{task}: {hint}')
-    rows = [row for row in ROWS if not missing[row.task]]
+    rows = [row for row in ROWS if row.task in missing and not missing[row.task]]
     numbers = range(options.trials)
     wanted = dict.fromkeys(
         Trial(row.task, row.method, row.episodes, number, options.first_seed + number)
@@ -133,19 +211,20 @@ def run(options: argparse.Namespace) -> None:
     for row in rows:
         task = TASKS[row.task]
         relevant = {task.sensor_names[i] for i in task.relevant}
+        others = set(task.sensor_names) - relevant
         outcomes = results.of(row.task, row.method, row.episodes)
         answers = [
-            row.question([task.sensor_names[i] for i in outcome.ranking], relevant)
+            row.question([task.sensor_names[i] for i in outcome.ranking], relevant, others)
             for outcome in outcomes
         ]
         share = np.mean(answers)
-        error = np.sqrt(share * (1 - share) / len(answers))
+        error = np.std(answers) / np.sqrt(len(answers))
         table.append(
             (
                 row.task + ', shuffled' * (row.method == 'automatic_shuffled'),
                 row.episodes,
                 row.question.__doc__.rstrip('.'),
-                METHODS[row.method] if row.method in ('forest', 'redundant') else 'ours',
+                'ours' if row.method in OURS else METHODS[row.method],
                 row.asked,
                 f'{share:.0%} ± {error:.0%}',
                 f'{np.median([outcome.seconds for outcome in outcomes]):.1f}',
@@ -158,6 +237,8 @@ def run(options: argparse.Namespace) -> None:
 def main(arguments: list[str] | None = None) -> int:
     """Run the study; return the exit code."""
     parser = study_parser('evidence', __doc__, first_seed=1000)
+    names = list(dict.fromkeys(row.task for row in ROWS))
+    add_names(parser, '--tasks', names, names)
     add_log(parser)
     options = parser.parse_args(arguments)
     kept = 'the same command continues where it stopped' if options.log else 'nothing is kept'

@@ -19,7 +19,7 @@ from cmifs_ros.tools.program import CommandError, exit_code
 from studies.methods import registry as methods
 from studies.methods.registry import METHODS, SELECTING
 from studies.tasks import registry as tasks
-from studies.tasks.registry import TASKS
+from studies.tasks.registry import OF_EVIDENCE, TASKS
 from studies.trials.arguments import add_log, add_names, study_parser
 from studies.trials.log import TrialLog
 from studies.trials.parallel import finish
@@ -34,7 +34,9 @@ NUMBER_METHODS = ('automatic', 'automatic_shuffled')
 ALL_METHODS = tuple(m for m in dict.fromkeys((*USUAL_METHODS, *METHODS)) if m not in SELECTING)
 #: `with_fixed_gravel` is another reading of the paper; without anything relevant there is no sum.
 USUAL_TASKS = tuple(
-    name for name, task in TASKS.items() if task.relevant and name != 'with_fixed_gravel'
+    name
+    for name, task in TASKS.items()
+    if task.relevant and name not in ('with_fixed_gravel', *OF_EVIDENCE)
 )
 
 

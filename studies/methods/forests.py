@@ -1,6 +1,7 @@
 """Peers that fit trees to all samples at once: extra trees with permutation importance, Boruta.
 
-The return of a step is learned from its channels, whatever the step. Both packages are optional.
+The return of a step is learned from its channels and actions, whatever the step. Both packages are
+optional.
 FOCI (Azadkia & Chatterjee, 2021) is no peer here: no package for Python has it.
 """
 
@@ -19,10 +20,13 @@ GAMMA = 0.95
 
 
 def _samples(episodes: Sequence[Episode]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return channels (n, v), returns (n,) and the number of each sample's episode (n,)."""
-    channels = np.concatenate([e.states for e in episodes])
+    """Return inputs (n, v + a), returns (n,) and the number of each sample's episode (n,).
+
+    Of the inputs the first are the channels, the others the actions.
+    """
+    inputs = np.concatenate([np.hstack([e.states, e.actions]) for e in episodes])
     returns = np.concatenate([discounted_returns(e.rewards, GAMMA) for e in episodes])
-    return channels, returns, np.repeat(np.arange(len(episodes)), [len(e) for e in episodes])
+    return inputs, returns, np.repeat(np.arange(len(episodes)), [len(e) for e in episodes])
 
 
 def forest_importance(
@@ -35,7 +39,7 @@ def forest_importance(
     """
     from sklearn.ensemble import ExtraTreesRegressor
 
-    channels, returns, numbers = _samples(episodes)
+    inputs, returns, numbers = _samples(episodes)
     rng = np.random.default_rng(seed)
     num_folds = min(NUM_FOLDS, len(episodes))
     folds = rng.permutation(len(episodes)) % num_folds
@@ -44,8 +48,8 @@ def forest_importance(
         is_left_out = folds[numbers] == fold
         forest = ExtraTreesRegressor(
             n_estimators=100, min_samples_leaf=5, random_state=seed, n_jobs=num_threads
-        ).fit(channels[~is_left_out], returns[~is_left_out])
-        left_out, wanted = channels[is_left_out], returns[is_left_out]
+        ).fit(inputs[~is_left_out], returns[~is_left_out])
+        left_out, wanted = inputs[is_left_out], returns[is_left_out]
         error = np.mean((forest.predict(left_out) - wanted) ** 2)
         for i, sensor in enumerate(sensors):
             columns = list(sensor)
@@ -68,10 +72,10 @@ def boruta_importance(
     from boruta import BorutaPy
     from sklearn.ensemble import ExtraTreesRegressor
 
-    channels, returns, _ = _samples(episodes)
+    inputs, returns, _ = _samples(episodes)
     forest = ExtraTreesRegressor(max_depth=7, n_jobs=num_threads)
     boruta = BorutaPy(forest, n_estimators=100, max_iter=50, random_state=seed)
-    boruta.fit(channels, returns)
+    boruta.fit(inputs, returns)
     ranks = np.array([min(boruta.ranking_[list(sensor)]) for sensor in sensors], dtype=float)
     return -ranks - 0.5 * np.random.default_rng(seed).random(len(sensors))
 

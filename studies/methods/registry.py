@@ -13,9 +13,11 @@ from cmifs_ros.core.conditional_mi_selector import WIDTHS
 from cmifs_ros.core.samples import step_samples
 from cmifs_ros.core.search import forward_selection
 from cmifs_ros.core.shadows import exchange
+from cmifs_ros.core.statuses import DISPENSABLE
 
 from .direct_port import rank_directly
 from .forests import FORESTS
+from .linear import linear_selection
 from .peers import ESTIMATORS, information_by_channel
 from .readings import READINGS, rank_read
 
@@ -43,9 +45,11 @@ METHODS = {
     'automatic': 'ours, automatic number',
     'automatic_shuffled': 'ours, automatic number, states of other episodes',
     'redundant': 'ours, what is redundant with what is confirmed',
+    'dispensable': 'ours, what is dispensable',
+    'linear': 'linear model, errors by episode',
 }
 #: Those that rank only some of the sensors.
-SELECTING = ('automatic', 'automatic_shuffled', 'redundant')
+SELECTING = ('automatic', 'automatic_shuffled', 'redundant', 'dispensable', 'linear')
 #: The default with other bounds of the number of kernel centres.
 NUM_CENTERS = {'centers_25': 25, 'centers_50': 50, 'centers_all': None}
 #: The estimators of rankings by the score alone: the default's, and that of the direct port.
@@ -65,9 +69,9 @@ class Ranking(NamedTuple):
     """The sensors ranked, best first, as indices from 0, and the score of each place.
 
     Without groups sensors are channels. The peers score each sensor by itself, the others score
-    the first 1, 2, ... together. The automatic number ranks what it selects, and
-    `redundant` what could replace a part of that. A method that knows channels alone ranks a sensor
-    where its first channel is.
+    the first 1, 2, ... together. The automatic number ranks what it selects, `redundant` what could
+    replace a part of that, `dispensable` what can go, and the linear model what has evidence. A
+    method that knows channels alone ranks a sensor where its first channel is.
     """
 
     channels: tuple[int, ...]
@@ -124,6 +128,9 @@ def rank(
         return _by_score([max(information[list(part)]) for part in parts], count)
     if method in FORESTS:
         return _by_score(FORESTS[method](episodes, parts, seed, n_jobs), count)
+    if method == 'linear':
+        found = linear_selection(episodes, parts)
+        return Ranking(tuple(found), (0.0,) * len(found))
     if method in SELECTING:
         return _selected(method, episodes, groups, seed, n_jobs)
     if method in RANKED_BY_CHANNEL:
@@ -154,11 +161,13 @@ def _selected(method: str, episodes, groups, seed: int, n_jobs: int) -> Ranking:
     if method == 'automatic_shuffled':  # The rewards stay: they depend on nothing.
         states = exchange([e.states for e in episodes], np.random.default_rng([seed, 3]))
         pairs = zip(states, episodes, strict=True)
-        episodes = [Episode(s, episode.rewards) for s, episode in pairs]
+        episodes = [Episode(s, e.rewards, source=e.source) for s, e in pairs]
     selector = ConditionalMISelector(groups=groups, random_state=seed, n_jobs=n_jobs)
     selector.fit(episodes)
     if method == 'redundant':
         places = [i for i, of in enumerate(selector.redundant_with_) if of]
+    elif method == 'dispensable':
+        places = [i for i, status in enumerate(selector.statuses_) if status == DISPENSABLE]
     else:
         places = range(selector.num_features_)
     return Ranking(

@@ -1,5 +1,7 @@
 """What the sampler costs under load, beside nodes that only subscribe; and what it loses.
 
+And the age of its `selected_state`, at each odometry, beside that of a bare relay in the same run.
+
 Odometry at 50 Hz, a lidar of 720 rays at 20 Hz, an IMU at 400 Hz and 12 joints at 500 Hz.
 """
 
@@ -13,6 +15,7 @@ import time
 from contextlib import ExitStack
 from pathlib import Path
 
+import numpy as np
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 
@@ -106,9 +109,34 @@ def run(options: argparse.Namespace) -> None:
         sampler = stack.enter_context(
             Process(folder, executable('sampler_node'), robot_file=str(robot_file))
         )
-        share, sent = measure(folder, sampler, options.seconds)
-        time.sleep(_REST)
+        with load_node(folder, 'relay'), load_node(folder, 'control') as control:
+            before = machine_times()
+            share, sent = measure(folder, sampler, options.seconds)
+            busy, total = (now - then for now, then in zip(machine_times(), before, strict=True))
+            time.sleep(_REST)
         _print('sampler_node', share, sent, sampled())
+        ages = json.loads(control.log.read_text().splitlines()[-1])
+        print_ages(ages, busy / total)
+
+
+def machine_times() -> tuple[float, float]:
+    """Return the time that all cores were busy, and all time, since the machine was started."""
+    times = [float(word) for word in Path('/proc/stat').read_text().split('\n')[0].split()[1:9]]
+    return sum(times) - times[3] - times[4], sum(times)
+
+
+def print_ages(ages: dict[str, list[int]], busy: float) -> None:
+    """Print how old what is relayed and what the sampler publishes is as it is received."""
+    relayed, selected = (np.array(ages[way]) / 1e6 for way in ('relayed', 'selected_state'))
+    print(f'\nage as it is received, of {len(relayed)} messages; all cores {busy:.0%} busy\n')
+    print('| | p50 in ms | p99 in ms |\n|---|---|---|')
+    for what, values in (
+        ('bare relay of /odom', relayed),
+        ('selected_state of the sampler', selected),
+        ('the sampler adds', selected - relayed),
+    ):
+        p50, p99 = np.percentile(values, [50, 99])
+        print(f'| {what} | {p50:.2f} | {p99:.2f} |', flush=True)
 
 
 def _print(what: str, share: float, sent: dict[str, int], received: dict[str, int]) -> None:

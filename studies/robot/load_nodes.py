@@ -1,4 +1,8 @@
-"""The publisher of the load, `load_nodes publish SECONDS`, and nodes that only subscribe."""
+"""The publisher of the load, `load_nodes publish SECONDS`, and nodes that receive it.
+
+`listen` and `listen_raw` only count. `relay` publishes the odometry again, as a controller would
+get it without a sampler; `control` receives that and `selected_state`.
+"""
 
 from __future__ import annotations
 
@@ -6,13 +10,17 @@ import json
 import signal
 import sys
 import time
+from functools import partial
 
 import rclpy
 from nav_msgs.msg import Odometry
 from rclpy.qos import QoSProfile, qos_profile_sensor_data
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import Imu, JointState, LaserScan
+from std_msgs.msg import String
 
+from cmifs_ros.ros.conversions import stamp_to_nanoseconds
+from cmifs_ros.ros.qos import LATCHED_QOS, STREAM_QOS
 from cmifs_ros.ros.run_node import make_executor
 
 _JOINTS = [f'joint_{i}' for i in range(12)]
@@ -27,6 +35,8 @@ TOPICS = {
     ),
 }  # fmt: skip
 PERIODS = {topic: period for topic, (_, period, _) in TOPICS.items()}
+#: The channels of the robot file that `control` selects.
+SELECTED = ['x', 'acceleration', 'joints[3]']
 #: Depth of the subscriptions, as the sampler's.
 _DEPTH = 1000
 
@@ -69,26 +79,68 @@ def listen(node, raw: bool, stopping: list) -> dict[str, int]:
         node.create_subscription(
             type(message), topic, lambda _, topic=topic: count(topic), profile, raw=raw
         )
+    spin(node, stopping)
+    return counts
+
+
+def relay(node, stopping: list) -> dict[str, int]:
+    """Publish what the sampler is to publish, as soon as the odometry comes; return how many."""
+    publisher = node.create_publisher(JointState, 'relayed', STREAM_QOS)
+    counts = {'relayed': 0}
+
+    def pass_on(odometry: Odometry) -> None:
+        x = odometry.pose.pose.position.x
+        publisher.publish(JointState(header=odometry.header, name=['x'], position=[x]))
+        counts['relayed'] += 1
+
+    node.create_subscription(Odometry, '/odom', pass_on, QoSProfile(depth=_DEPTH))
+    spin(node, stopping)
+    return counts
+
+
+def control(node, stopping: list) -> dict[str, list[int]]:
+    """Select, and receive both ways until told to stop; return stamps and ages by way, in ns."""
+    selection = String(data=json.dumps({'number': 1, 'names': SELECTED}))
+    publisher = node.create_publisher(String, 'selection', LATCHED_QOS)
+    publisher.publish(selection)
+    ages: dict[str, dict[int, int]] = {'relayed': {}, 'selected_state': {}}
+
+    def receive(way: str, state: JointState) -> None:
+        stamp = stamp_to_nanoseconds(state.header.stamp)
+        ages[way][stamp] = time.time_ns() - stamp
+
+    for way in ages:
+        node.create_subscription(JointState, way, partial(receive, way), STREAM_QOS)
+    spin(node, stopping)
+    both = ages['relayed'].keys() & ages['selected_state'].keys()
+    return {way: [of[stamp] for stamp in sorted(both)] for way, of in ages.items()}
+
+
+def spin(node, stopping: list) -> None:
+    """Spin until told to stop."""
     executor = make_executor()
     executor.add_node(node)
     while not stopping:
         executor.spin_once(0.1)
-    return counts
 
 
 def main() -> None:
-    """Run one of them; the last line is a count of messages by topic, as JSON."""
+    """Run one of them; the last line is what it returns, as JSON."""
     stopping: list[int] = []
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda number, _: stopping.append(number))
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     role = sys.argv[1]
-    node = rclpy.create_node('load_publisher' if role == 'publish' else 'load_listener')
+    node = rclpy.create_node(f'load_{role}')
     if role == 'publish':
-        counts = publish(node, float(sys.argv[2]), stopping)
+        found = publish(node, float(sys.argv[2]), stopping)
+    elif role == 'relay':
+        found = relay(node, stopping)
+    elif role == 'control':
+        found = control(node, stopping)
     else:
-        counts = listen(node, role == 'listen_raw', stopping)
-    print(json.dumps(counts), flush=True)
+        found = listen(node, role == 'listen_raw', stopping)
+    print(json.dumps(found), flush=True)
     node.destroy_node()
     rclpy.try_shutdown()
 

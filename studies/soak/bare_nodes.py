@@ -13,8 +13,9 @@ from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Int32MultiArray
 
+from cmifs_ros.ros.qos import STREAM_QOS
 from cmifs_ros.ros.run_node import make_executor
-from cmifs_ros.ros.selector_node import STREAM_QOS, SelectorNode
+from cmifs_ros.ros.selector_node import SelectorNode
 
 
 class Relay(Node):

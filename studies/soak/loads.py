@@ -50,7 +50,10 @@ class Loads(Part):
     def load(self):
         """1 kHz, with selections back to back, against a bare relay in turns of 5 s."""
         path = self.folder / 'load'
-        selector = Process.selector(self.folder, selection_period=0.0, episodes_path=str(path))
+        # The rewards count up, so that older episodes would be forgotten as of another task.
+        selector = Process.selector(
+            self.folder, selection_period=0.0, episodes_path=str(path), forget_outdated=False
+        )
         relay = self._bare('relay', namespace='/relay')
         with robot_and(selector, relay) as robot:
             robot.wait_for('selected_state')

@@ -17,11 +17,13 @@ from cmifs_ros.sim.grid_world import MAX_EPISODE_STEPS, NUM_CHANNELS
 from .distractors import distractor_names, with_distractors
 from .environments import ENVIRONMENTS, MUJOCO, rollout_environment
 from .fixed_gravel import FixedGravelWorld
+from .level_worlds import LEVEL_WORLDS, OF_GYMNASIUM, rollout_level
 from .lidar_world import CHANNEL_NAMES as LIDAR_NAMES
 from .lidar_world import GROUPS as LIDAR_GROUPS
 from .lidar_world import RELEVANT as LIDAR_RELEVANT
 from .lidar_world import rollout_lidar_world
-from .synthetic import WORLDS, rollout_synthetic
+from .rewards import REWARD_WORLDS
+from .synthetic import WORLDS, rollout_world
 
 
 class Task(NamedTuple):
@@ -126,7 +128,7 @@ def rollout_scaled(
 
 def what_is_missing(task: str) -> str | None:
     """Return how to install the package that a task needs and that is not here, or None."""
-    if task in ENVIRONMENTS and find_spec('gymnasium') is None:
+    if task in (*ENVIRONMENTS, *OF_GYMNASIUM) and find_spec('gymnasium') is None:
         return 'not installed: python3 -m pip install gymnasium'
     if task in MUJOCO and find_spec('mujoco') is None:
         return "not installed: python3 -m pip install 'gymnasium[mujoco]'"
@@ -135,6 +137,8 @@ def what_is_missing(task: str) -> str | None:
     return None
 
 
+#: Those that ask about the evidence alone, not about the order of the sensors.
+OF_EVIDENCE = (*REWARD_WORLDS, *LEVEL_WORLDS)
 #: In the scenarios the reward depends on s(1) directly, as the paper tells its rival.
 TASKS = (
     {
@@ -168,9 +172,13 @@ TASKS = (
     }
     | {
         name: task_of(
-            partial(rollout_synthetic, name), world.channel_names, world.relevant, world.groups
+            partial(rollout_world, world), world.channel_names, world.relevant, world.groups
         )
-        for name, world in WORLDS.items()
+        for name, world in (WORLDS | REWARD_WORLDS).items()
+    }
+    | {
+        name: task_of(partial(rollout_level, name), world.channel_names, world.relevant, {})
+        for name, world in LEVEL_WORLDS.items()
     }
     | {'lidar_world': task_of(rollout_lidar_world, LIDAR_NAMES, LIDAR_RELEVANT, LIDAR_GROUPS)}
 )

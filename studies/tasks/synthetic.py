@@ -40,7 +40,7 @@ from cmifs_ros.core import Episode
 NUM_STEPS = 12
 WILD_READING = 65535.0
 LOW_BATTERY = 20.0
-#: Of an `_ar` channel with itself one step later.
+#: Of an `ar` channel with itself one step later.
 PERSISTENCE = 0.9
 #: How much of the age of the robot, from 0 to 1, is behind it with each episode.
 AGEING = 0.025
@@ -71,11 +71,18 @@ class World(NamedTuple):
 
 def rollout_synthetic(name: str, num_episodes: int, seed: int) -> list[Episode]:
     """Return episodes of one of `WORLDS`, the same ones bit for bit for the same seed."""
-    draw = WORLDS[name].draw
+    return rollout_world(WORLDS[name], num_episodes, seed)
+
+
+def rollout_world(world: World, num_episodes: int, seed: int) -> list[Episode]:
+    """Return episodes of a world, each drawn by a generator of its own."""
+    draw = world.draw
     return [Episode(*draw(np.random.default_rng([seed, i]), i)) for i in range(num_episodes)]
 
 
-def _ar(rng: np.random.Generator, num_steps: int, num_channels: int, persistence=PERSISTENCE):
+def ar(
+    rng: np.random.Generator, num_steps: int, num_channels: int, persistence: float = PERSISTENCE
+) -> np.ndarray:
     """Return stationary normal channels of variance 1, each correlated with itself in time."""
     values = rng.normal(size=(num_steps, num_channels))
     for t in range(1, num_steps):
@@ -93,7 +100,7 @@ def _point_robot(rng, number):
         push = -position - 0.5 * velocity + 3 * rng.normal(size=2)
         velocity = velocity + _SECONDS * push
         position = position + _SECONDS * velocity
-    noise = np.hstack([rng.normal(size=(num_steps, 3)), _ar(rng, num_steps, 2, 0.98)])
+    noise = np.hstack([rng.normal(size=(num_steps, 3)), ar(rng, num_steps, 2, 0.98)])
     battery = np.maximum(battery, 0)
     rewards = -np.hypot(motion[:, 0], motion[:, 1]) - (battery < LOW_BATTERY)
     return np.column_stack([motion, battery, noise]), rewards
@@ -101,7 +108,7 @@ def _point_robot(rng, number):
 
 def _strong_and_weak(rng, number, add):
     """Return x, y, four of noise and what `add` makes of generator and x."""
-    channels = _ar(rng, NUM_STEPS, 6)
+    channels = ar(rng, NUM_STEPS, 6)
     rewards = channels[:, 0] + 0.4 * channels[:, 1] + 0.3 * rng.normal(size=NUM_STEPS)
     return np.column_stack([channels, add(rng, channels[:, 0])]), rewards
 
@@ -114,14 +121,14 @@ def _two_switches(rng, number):
 
 
 def _wild_readings(rng, number):
-    channels = _ar(rng, NUM_STEPS, 4) + 3
+    channels = ar(rng, NUM_STEPS, 4) + 3
     rewards = channels[:, 0] + 0.3 * rng.normal(size=NUM_STEPS)
     channels[rng.random(NUM_STEPS) < 0.02, 0] = WILD_READING
     return channels, rewards
 
 
 def _one_wild_reading(rng, number):
-    channels = _ar(rng, NUM_STEPS, 4) + 3
+    channels = ar(rng, NUM_STEPS, 4) + 3
     rewards = channels[:, 0] + 0.3 * rng.normal(size=NUM_STEPS)
     if number == 3:
         channels[5, 0] = WILD_READING
@@ -129,7 +136,7 @@ def _one_wild_reading(rng, number):
 
 
 def _one_of_twelve(rng, number):
-    channels = _ar(rng, NUM_STEPS, 5)
+    channels = ar(rng, NUM_STEPS, 5)
     scan = rng.normal(size=(NUM_STEPS, 12))
     scan[:, 0] = channels[:, 0]
     rewards = channels[:, 0] + 0.4 * channels[:, 1] + 0.2 * rng.normal(size=NUM_STEPS)
@@ -137,7 +144,7 @@ def _one_of_twelve(rng, number):
 
 
 def _twelve_of_noise(rng, number):
-    channels = _ar(rng, NUM_STEPS, 5)
+    channels = ar(rng, NUM_STEPS, 5)
     scan = rng.normal(size=(NUM_STEPS, 12))
     rewards = channels[:, 0] + 0.4 * channels[:, 1] + 0.2 * rng.normal(size=NUM_STEPS)
     return np.hstack([scan, channels]), rewards
@@ -152,7 +159,7 @@ def _drift(rng, number):
 
 def _wandering(rng, number):
     seed, _ = rng.bit_generator.seed_seq.entropy  # All episodes have one wandering.
-    level = _ar(np.random.default_rng(seed), number + 1, 4)[-1]
+    level = ar(np.random.default_rng(seed), number + 1, 4)[-1]
     sensors = level[:3] + 0.05 * rng.normal(size=(NUM_STEPS, 3))
     channels = np.hstack([sensors, rng.normal(size=(NUM_STEPS, 3))])
     return channels, level[3] + rng.normal(size=NUM_STEPS)
@@ -163,24 +170,25 @@ def _independent_noise(rng, number):
 
 
 def _beside(rng, number):
-    channels = _ar(rng, NUM_STEPS, 2)
+    channels = ar(rng, NUM_STEPS, 2)
     noise = rng.normal(size=NUM_STEPS)
     walk = np.cumsum(rng.normal(size=NUM_STEPS))
     rewards = channels[:, 0] + 0.3 * rng.normal(size=NUM_STEPS)
     return np.column_stack([channels[:, 0], noise, walk, channels[:, 1]]), rewards
 
 
-def _noise_names(count: int) -> tuple[str, ...]:
+def noise_names(count: int) -> tuple[str, ...]:
+    """Return names of so many channels of noise."""
     return tuple(f'noise_{i}' for i in range(1, count + 1))
 
 
 _SCAN = tuple(f'scan_{i}' for i in range(1, 13))
-_X_Y_NOISE = ('x', 'y', *_noise_names(4))
+_X_Y_NOISE = ('x', 'y', *noise_names(4))
 
 WORLDS = {
     'point_robot': World(
         _point_robot,
-        ('x', 'y', 'vx', 'vy', 'battery', *_noise_names(3), 'slow_1', 'slow_2'),
+        ('x', 'y', 'vx', 'vy', 'battery', *noise_names(3), 'slow_1', 'slow_2'),
         ('x', 'y', 'battery'),
     ),
     'copy': World(
@@ -196,17 +204,17 @@ WORLDS = {
         (*_X_Y_NOISE, 'dead'),
         ('x', 'y'),
     ),
-    'two_switches': World(_two_switches, ('a', 'b', *_noise_names(4)), ('a', 'b')),
-    'wild_readings': World(_wild_readings, ('range', *_noise_names(3)), ('range',)),
-    'one_wild_reading': World(_one_wild_reading, ('range', *_noise_names(3)), ('range',)),
+    'two_switches': World(_two_switches, ('a', 'b', *noise_names(4)), ('a', 'b')),
+    'wild_readings': World(_wild_readings, ('range', *noise_names(3)), ('range',)),
+    'one_wild_reading': World(_one_wild_reading, ('range', *noise_names(3)), ('range',)),
     'one_of_twelve': World(
-        _one_of_twelve, (*_SCAN, 'x', *_noise_names(3)), ('scan', 'x'), {'scan': _SCAN}
+        _one_of_twelve, (*_SCAN, 'x', *noise_names(3)), ('scan', 'x'), {'scan': _SCAN}
     ),
     'twelve_of_noise': World(
-        _twelve_of_noise, (*_SCAN, 'x', 'y', *_noise_names(3)), ('x', 'y'), {'scan': _SCAN}
+        _twelve_of_noise, (*_SCAN, 'x', 'y', *noise_names(3)), ('x', 'y'), {'scan': _SCAN}
     ),
-    'drift': World(_drift, ('temperature', *_noise_names(4)), ()),
-    'wandering': World(_wandering, ('floor', 'oil', 'light', *_noise_names(3)), ()),
-    'independent_noise': World(_independent_noise, _noise_names(6), ()),
+    'drift': World(_drift, ('temperature', *noise_names(4)), ()),
+    'wandering': World(_wandering, ('floor', 'oil', 'light', *noise_names(3)), ()),
+    'independent_noise': World(_independent_noise, noise_names(6), ()),
     'beside': World(_beside, ('x', 'noise', 'walk', 'other_x'), ('x',)),
 }

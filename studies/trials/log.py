@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+from collections.abc import Callable
 from pathlib import Path
 
 from .trial import Outcome, Trial
@@ -13,13 +14,15 @@ COLUMNS = ('scenario', 'method', 'episodes', 'trial', 'seed', 'ranking', 'second
 class TrialLog:
     """Read the trials that a file holds, and add to it, each at once.
 
-    `ranking` holds indices from 0, separated by blanks. A last line without its end, as a process
-    that was killed leaves it, is dropped.
+    `ranking` holds numbers, separated by blanks: indices from 0, or what else a study finds. A last
+    line without its end, as a process that was killed leaves it, is dropped.
 
     Parameters
     ----------
     path : pathlib.Path, optional
         Made if it does not exist; without it nothing is kept.
+    number : callable
+        Reads a number of a ranking.
 
     Attributes
     ----------
@@ -32,8 +35,8 @@ class TrialLog:
 
     """
 
-    def __init__(self, path: Path | None):
-        self._path = path
+    def __init__(self, path: Path | None, number: Callable[[str], float] = int):
+        self._path, self._number = path, number
         self.outcomes: dict[Trial, Outcome] = {}
         if path is None:
             return
@@ -48,14 +51,14 @@ class TrialLog:
         header, *rows = csv.reader(complete.decode(errors='replace').splitlines())
         if tuple(header) != COLUMNS:
             raise ValueError(f'{path} begins with {header}; expected the columns {COLUMNS}')
-        for number, row in enumerate(rows, start=2):
+        for line, row in enumerate(rows, start=2):
             try:
                 scenario, method, episodes, trial, seed, ranking, seconds = row
                 key = Trial(scenario, method, int(episodes), int(trial), int(seed))
-                indices = tuple(map(int, ranking.split()))
-                self.outcomes[key] = Outcome(key, indices, float(seconds))
+                found = tuple(map(self._number, ranking.split()))
+                self.outcomes[key] = Outcome(key, found, float(seconds))
             except ValueError as error:
-                raise ValueError(f'{path}, line {number} is no trial: {row} ({error})') from error
+                raise ValueError(f'{path}, line {line} is no trial: {row} ({error})') from error
 
     def add(self, outcome: Outcome) -> None:
         """Write one finished trial."""

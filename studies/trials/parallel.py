@@ -14,7 +14,7 @@ from tqdm import tqdm
 from cmifs_ros.tools.cluster import IS_OLD_JOBLIB, backend
 
 from .log import TrialLog
-from .trial import Results, Trial, run_trial
+from .trial import Outcome, Results, Trial, run_trial
 
 T = TypeVar('T')
 
@@ -42,7 +42,12 @@ def results_of(
 
 
 def finish(
-    trials: Sequence[Trial], log: TrialLog, jobs: int | None = None, scheduler: str | None = None
+    trials: Sequence[Trial],
+    log: TrialLog,
+    jobs: int | None = None,
+    scheduler: str | None = None,
+    *,
+    run: Callable[[Trial], Outcome] = run_trial,
 ) -> Results:
     """Run the trials that the log lacks, with a progress bar, and return all of them.
 
@@ -55,6 +60,8 @@ def finish(
         Processes; None takes one a core.
     scheduler : str, optional
         Address of the Dask scheduler whose cluster runs them.
+    run : callable
+        Runs one trial.
 
     Raises
     ------
@@ -67,7 +74,7 @@ def finish(
         done = len(trials) - len(missing)
         with (
             backend(scheduler),
-            results_of(run_trial, ((trial,) for trial in missing), jobs) as outcomes,
+            results_of(run, ((trial,) for trial in missing), jobs) as outcomes,
             tqdm(total=len(trials), initial=done, file=sys.stdout, disable=None) as bar,
         ):
             for outcome in outcomes:

@@ -6,6 +6,7 @@ A module of its own, so that processes and machines that run trials can import i
 from __future__ import annotations
 
 import time
+import warnings
 from collections.abc import Iterable
 from typing import NamedTuple
 
@@ -21,9 +22,9 @@ class Trial(NamedTuple):
     Attributes
     ----------
     scenario : str
-        One of `TASKS`.
+        One of `TASKS`, or a world of the study's own.
     method : str
-        One of `METHODS`.
+        One of `METHODS`, or a question of the study's own.
     episodes : int
         The first so many episodes that the task rolls out from the seed: those of a smaller
         trial are among those of a larger one.
@@ -44,7 +45,7 @@ class Trial(NamedTuple):
 class Outcome(NamedTuple):
     """What a trial gave: indices of the features from 0, best first, and the computing time.
 
-    With an automatic number these are the features selected.
+    With an automatic number these are the features selected. A study may keep other numbers.
     """
 
     trial: Trial
@@ -87,7 +88,9 @@ def run_trial(trial: Trial) -> Outcome:
     task = TASKS[trial.scenario]
     episodes = task.rollout(trial.episodes, trial.seed)
     start = time.perf_counter()
-    ranking = rank(
-        trial.method, episodes, target=task.target, seed=trial.seed, sensors=task.sensors
-    ).channels
+    with warnings.catch_warnings():
+        warnings.simplefilter('ignore', UserWarning)  # What data cannot show, a study asks itself.
+        ranking = rank(
+            trial.method, episodes, target=task.target, seed=trial.seed, sensors=task.sensors
+        ).channels
     return Outcome(trial, ranking, time.perf_counter() - start)

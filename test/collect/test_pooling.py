@@ -7,6 +7,7 @@ import pytest
 
 from cmifs_ros.collect.bag import BagEpisodes, BagError
 from cmifs_ros.collect.pooling import pooled
+from cmifs_ros.collect.traffic import Traffic
 from cmifs_ros.core import Episode
 
 SECOND = 10**9
@@ -23,7 +24,8 @@ def recorded(states, begin=0, window=25, names=('x', 'y', 'z')):
     cuts = range(window, len(states) + 1, window)
     parts = [slice(cut - window, cut) for cut in cuts]
     episodes = [Episode(states[part], np.ones(window)) for part in parts]
-    return BagEpisodes(names, episodes, [stamps[part] for part in parts], 0, 0, 0, 0, {}, {})
+    stamps = [stamps[part] for part in parts]
+    return BagEpisodes(names, episodes, stamps, 0, 0, 0, 0, {}, {}, Traffic())
 
 
 def steps_of(pool):

@@ -11,11 +11,14 @@ from hypothesis import strategies as st
 from selections import selection, sensor
 
 from cmifs_ros.collect.selection_fields import VERSION, fields_of, selection_of
+from cmifs_ros.core.channel_names import MAX_NAME_LENGTH
 from cmifs_ros.core.effect import Effect
 from cmifs_ros.core.selection import SensorResult
+from cmifs_ros.core.targets import TARGETS
 
 names = st.text(min_size=1, max_size=9)
 numbers = st.floats(allow_nan=False)
+shares = st.floats(-9, 9)
 
 
 @st.composite
@@ -37,11 +40,20 @@ def selections(draw):
                 supporting_channels=channels[:1],
                 redundant_with=draw(st.sampled_from([(), ('x',), ('x', 'y')])),
                 stability=draw(st.none() | st.floats(0, 1)),
-                effect=draw(st.none() | st.builds(Effect, *[st.floats(-1e6, 1e6)] * 2)),
+                effect=draw(st.none() | st.builds(Effect, shares, st.floats(0, 9))),
                 why=draw(st.text(max_size=20)),
             )
         )
-    return replace(selection(*found), number=draw(st.integers(0, 10**6)), outdated=3)
+    return replace(
+        selection(*found),
+        number=draw(st.integers(0, 10**6)),
+        outdated=3,
+        target=draw(st.sampled_from(TARGETS)),
+        predicted_share=draw(st.none() | numbers),
+        predicted_share_of_all=draw(st.none() | numbers),
+        margin=draw(st.none() | st.floats(0, 1, exclude_min=True, exclude_max=True)),
+        warnings=tuple(draw(st.lists(st.text(max_size=1000), max_size=3))),
+    )
 
 
 @given(selections())
@@ -62,10 +74,39 @@ def test_the_selected_and_the_ranking_can_be_read_without_going_through_the_sens
     assert not {'means', 'spreads'} & set(said)
 
 
+def test_an_effect_is_said_with_its_interval():
+    said = fields_of(selection(sensor('x', pvalue=0.01, effect=Effect(0.5, 0.1))))
+    effect = said['sensors'][0]['effect']
+    assert (effect['share'], effect['error']) == (0.5, 0.1)
+    # Of a normal distribution 95 % are within 1.96 standard errors.
+    assert [effect['low'], effect['high']] == pytest.approx([0.304, 0.696], abs=1e-4)
+
+
+def test_what_follows_is_said_too():
+    undecided = sensor('y', pvalue=0.2, effect=Effect(0.01, 0.02))
+    assert fields_of(replace(GOOD, sensors=(GOOD.sensors[0], undecided)))['advice'] == {
+        'keep': ['x'], 'can_go': [], 'undecided': [{'name': 'y', 'more_episodes': 300}],
+    }  # fmt: skip
+
+
+def test_the_longest_name_can_be_predicted():
+    why = f'predicts {"n" * MAX_NAME_LENGTH}'
+    sent = selection(sensor('x', pvalue=0.01, why=why), target='decision')
+    assert selection_of(json.loads(json.dumps(fields_of(sent)))) == sent
+
+
 @pytest.mark.parametrize(
     ('change', 'message'),
     [
-        ({'version': 2}, 'a selection of version 2; expected 1'),
+        ({'version': 1}, 'a selection of version 1; expected 2'),
+        ({'target': 'fun'}, "target 'fun'; expected one of return, decision, action"),
+        ({'predicted_share': 'much'}, 'much'),
+        ({'margin': []}, 'list'),
+        ({'margin': 0}, 'margin 0.0; expected 0 < margin < 1'),
+        ({'warnings': 'beware'}, 'str in place of a list'),
+        ({'warnings': [7]}, '7 in place of a text of at most 1000'),
+        ({'warnings': ['x' * 1001]}, 'in place of a text of at most 1000'),
+        ({'warnings': ['x'] * 101}, '101 warnings; expected at most 100'),
         ({'indices': [10**9]}, 'index 1000000000; expected less than'),
         ({'indices': [0, 1]}, '2 indices for 1 selected channels'),
         ({'indices': [0.0]}, '0.0 in place of an integer'),
@@ -89,13 +130,18 @@ def test_what_cannot_be_is_refused(change, message):
         ({'is_selected': 1}, '1 in place of true or false'),
         ({'score': 'high'}, 'high'),
         ({'name': ''}, 'a name that is no text'),
-        ({'why': 'x' * 1000}, 'in place of a text of at most'),
+        ({'why': None}, 'None in place of a text'),
+        ({'why': 'x' * 1001}, 'in place of a text of at most'),
+        ({'effect': {'share': 0.1}}, 'error'),
+        ({'effect': {'share': 0.1, 'error': -0.1}}, 'error -0.1; expected at least 0'),
+        ({'effect': {'share': 0.1, 'error': float('nan')}}, 'error nan; expected at least 0'),
+        ({'effect': 0.1}, 'float'),
     ],
 )
 def test_a_sensor_that_cannot_be_is_refused(change, message):
     said = json.loads(json.dumps(fields_of(GOOD)))
     said['sensors'][0] |= change
-    with pytest.raises((ValueError, TypeError), match=message):
+    with pytest.raises((ValueError, TypeError, KeyError), match=message):
         selection_of(said)
 
 

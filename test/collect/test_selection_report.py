@@ -2,19 +2,26 @@
 
 from dataclasses import replace
 
+import pytest
 from selections import selection, sensor
 
 from cmifs_ros.collect.selection_report import (
     evidence,
     headline,
+    interval,
     is_news,
     is_undecided,
+    kinds_of_warnings,
+    prediction,
+    reason,
     redundancies,
+    share,
 )
+from cmifs_ros.core.effect import Effect
 
 PLAIN = selection(sensor('b', 0.5, is_selected=True), sensor('a', 0.4))
 SURE = sensor('b', is_selected=True, pvalue=0.01, status='confirmed')
-DISPENSABLE = sensor('a', pvalue=1.0, status='dispensable')
+DISPENSABLE = sensor('a', pvalue=1.0, status='dispensable', effect=Effect(-0.001, 0.002))
 CONFIRMED = selection(SURE, DISPENSABLE)
 UNDECIDED = selection(DISPENSABLE, sensor('c', pvalue=0.4), sensor('b', pvalue=0.2))
 NOTHING = selection(DISPENSABLE, replace(DISPENSABLE, name='c'))
@@ -28,6 +35,11 @@ def test_the_headline_says_what_is_sure_and_what_is_not():
         'no evidence that any sensor is informative about the return; 25 episodes, and more may '
         'show it if the reward is that of the task'
     )
+    no_reward = selection(DISPENSABLE, target='action')
+    assert headline(no_reward) == (
+        'no evidence that any sensor is informative about the action; 25 episodes, and more may '
+        'show it'
+    )
     constant = selection(replace(DISPENSABLE, is_constant=True))
     assert headline(constant) == 'no sensor changed in 25 episodes: nothing can be selected'
     assert [is_undecided(s) for s in (PLAIN, CONFIRMED, UNDECIDED, NOTHING)] == [
@@ -38,7 +50,74 @@ def test_the_headline_says_what_is_sure_and_what_is_not():
 def test_the_evidence_is_p_values_where_there_are_some_and_else_scores():
     assert evidence(PLAIN) == 'b (0.500), a (0.400); 25 episodes, 60 steps, 1.2 s'
     assert evidence(NOTHING) == 'dispensable a, c; 25 episodes, 60 steps, 1.2 s'
-    assert evidence(CONFIRMED) == 'b (p 0.01); dispensable a; 25 episodes, 60 steps, 1.2 s'
+    assert (
+        evidence(CONFIRMED) == 'b (adds 12.5%, p 0.01); dispensable a; 25 episodes, 60 steps, 1.2 s'
+    )
+
+
+def test_shares_are_percentages():
+    assert [share(v) for v in (0.1234, -0.0001, -0.0012, 1.0)] == [
+        '12.3%',
+        '0.0%',
+        '-0.1%',
+        '100.0%',
+    ]
+    assert interval(Effect(0.5, 0.1)) == '30.4% to 69.6%'
+
+
+def test_it_is_said_how_much_the_selected_predict_beside_all():
+    known = {'predicted_share': 0.484, 'predicted_share_of_all': 0.239}
+    assert prediction(selection(SURE, DISPENSABLE, **known)) == (
+        'the 1 selected of 2 sensors predicts 48% of the variance of the return in episodes left '
+        'out; all together, 24%'
+    )
+    of_action = prediction(selection(DISPENSABLE, target='action', **known))
+    assert of_action.startswith('all sensors together predict 24% of the variance of the action')
+    every = prediction(selection(SURE, target='decision', **known))
+    assert every.startswith('all sensors are selected, and predict 48% of the')
+    nothing = prediction(selection(DISPENSABLE, predicted_share=0.0, predicted_share_of_all=-0.2))
+    assert nothing.startswith('all sensors together predict 0% of')
+    assert prediction(PLAIN) == ''
+
+
+def decided(name, why, **more):
+    more = {'is_selected': True, 'pvalue': 0.01, 'status': 'confirmed'} | more
+    return sensor(name, why=why, **more)
+
+
+@pytest.mark.parametrize(
+    ('whys', 'expected'),
+    [
+        (['reward', 'predicts a', 'predicts b'], 'predicts b -> a -> reward'),
+        (['reward', 'predicts a', 'reward'], 'reward'),
+        # A circle does not lead anywhere: the first link is what is known.
+        (['predicts b', 'predicts a', 'predicts a'], 'predicts a'),
+        (['predicts c', 'reward', 'predicts a'], 'predicts a'),
+        (['reward', 'predicts a', 'predicts gone'], 'predicts gone'),
+    ],
+)
+def test_a_decision_says_why_as_a_chain_to_the_reward(whys, expected):
+    sensors = [decided(name, why) for name, why in zip('abc', whys, strict=True)]
+    found = selection(*sensors, target='decision')
+    assert reason(found, sensors[2]) == expected
+    assert reason(selection(*sensors), sensors[2]) == ''
+
+
+def test_a_chain_goes_by_the_channels_of_a_sensor():
+    pose = decided('pose', 'reward', channels=('pose.x', 'pose.y'))
+    wind = decided('wind', 'predicts pose.y')
+    assert reason(selection(pose, wind, target='decision'), wind) == 'predicts pose.y -> reward'
+
+
+def test_no_reason_is_given_for_what_has_no_evidence():
+    a, b = decided('a', 'reward'), sensor('b', pvalue=0.9, why='predicts a')
+    assert reason(selection(a, b, target='decision'), b) == ''
+
+
+def test_warnings_that_differ_by_numbers_are_of_a_kind():
+    said = ['38% of the steps are in two episodes', '41% of the steps are in two episodes']
+    assert list(kinds_of_warnings(said).values()) == said[1:]
+    assert len(kinds_of_warnings([*said, 'the action follows from the sensors (51% of it)'])) == 2
 
 
 def test_redundant_sensors_are_named():
@@ -55,7 +134,7 @@ def test_redundant_sensors_are_named():
 
 def test_a_long_name_does_not_hide_its_evidence():
     long = selection(replace(SURE, name='n' * 40), DISPENSABLE)
-    assert evidence(long).startswith(f'{"n" * 30}.. (p 0.01); ')
+    assert evidence(long).startswith(f'{"n" * 30}.. (adds 12.5%, p 0.01); ')
 
 
 def test_news_is_another_set_or_another_certainty():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from cmifs_ros.core.chance import pearson3_tail, resampled_pvalues, sign_flip_pvalue
+from cmifs_ros.core.chance import pearson3_tail, resampled_pvalue, sign_flip_pvalue
 
 
 def statistics_of_all_signs(products):
@@ -34,10 +34,10 @@ def test_what_no_sign_changes_has_pvalue_1():
     assert sign_flip_pvalue(4.0, np.array([[2.0, 0.0]])) == 1
 
 
-def test_resampled_pvalues_are_those_of_the_law_with_their_moments():
-    drawn = np.random.default_rng(2).chisquare(3, size=(4000, 1))
+def test_resampled_pvalue_are_those_of_the_law_with_their_moments():
+    drawn = np.random.default_rng(2).chisquare(3, size=4000)
     for value in (1.0, 6.0, 12.0):
-        (pvalue,) = resampled_pvalues(np.array([value]), drawn)
+        pvalue = resampled_pvalue(value, drawn)
         assert pvalue == pytest.approx(stats.chi2.sf(value, 3), abs=0.02)
 
 

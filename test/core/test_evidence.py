@@ -13,9 +13,9 @@ from cmifs_ros.core.targets import TargetTest
 NUM_EPISODES, NUM_STEPS, GAMMA = 40, 12, 0.9
 
 
-def conditional_test(samples, gamma, seed):
+def conditional_test(samples, gamma, seed, **options):
     names = [f'x{i}' for i in range(samples.states.shape[1])]
-    return TargetTest(samples, 'return', names, [], gamma, random_state=seed)
+    return TargetTest(samples, 'return', names, [], gamma, random_state=seed, **options)
 
 
 def slow(rng, num_channels, num_episodes=NUM_EPISODES):
@@ -162,6 +162,21 @@ def test_switches_that_matter_only_together_are_seen_together():
     assert test([(0,)], ())[0] > 0.05
     assert test([(0,)], (1,))[0] < 1e-3
     assert test([(0, 1)], ())[0] < 1e-3
+
+
+def test_of_both_parts_the_greater_pvalue_counts_where_signs_show_something():
+    rng = np.random.default_rng(3)
+    states = slow(rng, 30)
+    samples = samples_of(states[:, 0] + slow(rng, 1)[:, 0], states)
+    candidates = [(c,) for c in range(30)]
+    signs, shifts, both = (
+        conditional_test(samples, GAMMA, 0, level=0.2, **parts)(candidates, [])
+        for parts in ({'parts': ('signs',)}, {'parts': ('shifts',)}, {})
+    )
+    assert 0 < np.sum(signs <= 0.2) < 30
+    assert np.any(shifts > signs)
+    expected = np.where(signs <= 0.2, np.maximum(signs, shifts), signs)
+    np.testing.assert_array_equal(both, expected)
 
 
 def test_neither_units_nor_other_channels_matter():

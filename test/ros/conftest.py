@@ -91,12 +91,10 @@ class RunningNode:
     def end(self, number=signal.SIGINT, group=False):
         """Send a signal, to the whole group as a terminal does or to the process alone.
 
-        Return the exit code and the seconds it took.
+        Return the exit code.
         """
-        begin = time.monotonic()
         (os.killpg if group else os.kill)(self.process.pid, number)
-        code = self.process.wait(10)
-        return code, time.monotonic() - begin
+        return self.process.wait(10)
 
     def kill(self):
         if self.process.poll() is None:
@@ -140,7 +138,6 @@ class Robot:
         self.reward_publisher = self.node.create_publisher(JointState, 'reward', STREAM)
         self.action_publisher = None
         self.selected = []
-        self.arrivals = []
         self.diagnostics = {}
         self.node.create_subscription(JointState, 'selected_state', self._on_selected, STREAM)
         self.node.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
@@ -149,7 +146,6 @@ class Robot:
 
     def _on_selected(self, msg):
         self.selected.append(msg)
-        self.arrivals.append(time.monotonic())
 
     def _on_diagnostics(self, msg):
         for status in msg.status:

@@ -111,8 +111,7 @@ def test_a_robot_of_its_own_topics_gives_episodes_and_groups(start, robot, robot
     values = robot.diagnostics['sampler: /scan'][2]
     assert float(values['rate in Hz']) > 5
     assert (values['wrong'], float(values['age in s']) < 5) == ('0', True)
-    code, seconds = sampler.end(signal.SIGTERM)
-    assert (code, seconds < 2) == (0, True)
+    assert sampler.end(signal.SIGTERM) == 0
     assert 'Traceback' not in sampler.output
 
 

@@ -3,7 +3,6 @@
 import json
 import os
 import signal
-import time
 
 import numpy as np
 import pytest
@@ -161,8 +160,9 @@ def test_huge_and_constant_values_are_answered(selector, robot):
     robot.publish_episodes(episodes_of(huge), NAMES, begin=10**12)
     robot.wait_for_episodes(24)
     reply = robot.call(robot.select_client)
-    answer = json.loads(reply.message)
-    assert set(answer['names']) <= set(NAMES) if reply.success else answer['error']
+    assert not reply.success
+    expected = 'a reward is 1e+308 in size; expected returns that do not overflow'
+    assert json.loads(reply.message)['error'] == expected
     robot.call(robot.clear_client)
     robot.publish_episodes(normal_episodes(), NAMES, begin=2 * 10**12)
     robot.wait_for_episodes(24)
@@ -202,9 +202,7 @@ def test_stamps_that_differ_are_told_with_their_distance_and_may_be_tolerated(se
             robot.publish_state(stamp + 1_000_000, NAMES, state)
             robot.publish_reward(stamp, RewardSample(reward, False, step == 2, 0, step))
             stamp += 50_000_000
-    begin = time.monotonic()
     robot.until(lambda: 'the nearest is 1 ms away' in robot.diagnostics[INPUT][1])
-    assert time.monotonic() < begin + 5
     assert robot.diagnostics[INPUT][0] == WARN
     assert 'stamp_tolerance' in selector.output
     robot.call(robot.clear_client)

@@ -22,3 +22,8 @@ def test_the_load_is_published_and_nearly_all_of_it_received():
         assert int(share) > 0
         assert int(sent) == 2 * (50 + 20 + 400 + 500)
         assert 0 <= int(lost) < 0.1 * int(sent)
+    row = r'^\| ([^|]+?) \| (-?[0-9.]+) \| -?[0-9.]+ \|$'
+    ages = dict(re.findall(row, process.stdout, re.M))
+    selected = 'selected_state of the sampler'
+    assert list(ages) == ['bare relay of /odom', selected, 'the sampler adds']
+    assert float(ages[selected]) > 0

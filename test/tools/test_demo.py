@@ -43,10 +43,13 @@ def test_the_demo_shows_evidence_and_received_states_and_saves_a_picture(demo, t
     assert process.wait(60) == 0, (tmp_path / 'output').read_text()
     output = (tmp_path / 'output').read_text()
     ranked = re.findall(
-        r'^ +(\d+) +(\w+) +-?\d\.\d{3} +-?\d\.\d{3} to -?\d\.\d{3} +[\d.e-]+ +'
-        r'(?:confirmed|undecided|dispensable)$', output, re.M,
+        r'^ +(\d+) +(\w+) +-?\d+\.\d% +-?\d+\.\d% to -?\d+\.\d% +'
+        r'(?:confirmed|undecided|dispensable) +[\d.e-]+$', output, re.M,
     )  # fmt: skip
     assert [int(rank) for rank, _ in ranked] == list(range(1, len(ranked) + 1))
+    assert re.search(
+        rf'^keep these:\n  {ranked[0][1]}: adds .*\n  {ranked[1][1]}: adds', output, re.M
+    )
     assert f'selected {ranked[0][1]}, {ranked[1][1]}: 2 of 14 sensors' in output
     assert re.search(r'^  before  x=\d+ y=\d+ battery=\d+ noise_4=-?\d+', output, re.M)
     assert len(re.findall(r'^  after   \w+=-?\d+ \w+=-?\d+$', output, re.M)) == 3

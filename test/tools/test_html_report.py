@@ -9,7 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from selections import selection, sensor
 
+from cmifs_ros.collect.advice import advice_of
+from cmifs_ros.collect.traffic import Rate
 from cmifs_ros.core import Episode
+from cmifs_ros.core.effect import Effect
 from cmifs_ros.tools.html_report import write_report
 
 NAMES = ('x', 'y', 'battery', 'noise')
@@ -23,9 +26,10 @@ def make_episodes(count=12, num_channels=4):
 X = sensor('x', 0.25, is_selected=True, pvalue=0.0012, status='confirmed', stability=1.0)
 Y = sensor('y', 0.375, is_selected=True, pvalue=0.2, stability=0.75)
 BATTERY = sensor(
-    'battery', 0.36, pvalue=0.9, status='dispensable', null_band=(0.35, 0.36, 0.37), stability=0.125
-)
-SELECTION = selection(X, Y, BATTERY)
+    'battery', 0.36, pvalue=0.9, status='dispensable', null_band=(0.35, 0.36, 0.37),
+    stability=0.125, effect=Effect(-0.001, 0.002),
+)  # fmt: skip
+SELECTION = selection(X, Y, BATTERY, predicted_share=0.5, predicted_share_of_all=0.25)
 #: As a method without evidence gives it.
 BARE = selection(sensor('x', is_selected=True), sensor('y', is_selected=True), sensor('battery'))
 
@@ -64,12 +68,14 @@ def test_the_page_shows_the_evidence_of_each_sensor_and_what_was_dropped(tmp_pat
     assert path == tmp_path / 'new' / 'index.html'
     rows = [re.sub(r'<[^>]*>', '|', row) for row in re.findall(r'<tr>.*?</tr>', page.source)]
     (row,) = [row for row in rows if '|battery|' in row and '|3|' in row]
-    for cell in ('0.360', '0.350 to 0.370', '0.9', 'dispensable', '12%'):
+    for cell in (
+        '-0.1%', '-0.5% to 0.3%', 'dispensable', '0.9', '12%', '0.360', '0.350 to 0.370',
+    ):  # fmt: skip
         assert f'|{cell}|' in row, (cell, row)
     assert any('|late|' in row and '|7|' in row for row in rows)
     assert not any('|lost|' in row for row in rows)
     assert 'supporting channels' not in page.source
-    assert len(page.pictures) == 3
+    assert len(page.pictures) == 4
     assert all(data.startswith(b'\x89PNG') for data in page.pictures)
 
 
@@ -83,15 +89,47 @@ def test_sensors_that_never_changed_stand_below_the_table(tmp_path):
 def test_channels_are_named_where_they_are_not_the_sensor_itself(tmp_path):
     grouped = selection(X, replace(Y, supporting_channels=('y.sin', 'y.cos')), BATTERY)
     page = Page(write_report(tmp_path, grouped, make_episodes(), NAMES, {}))
-    cells = re.findall(r'<td class="name">([^<]*)</td></tr>', page.source)
-    assert cells == ['', 'y.sin, y.cos', '']
+    assert '<th>supporting channels</th>' in page.source
+    assert '<td class="name">y.sin, y.cos</td>' in page.source
+    assert '<td class="name">x</td><td class="name">' not in page.source
 
 
 def test_the_page_names_what_a_sensor_is_redundant_with(tmp_path):
     replaced = selection(X, Y, replace(BATTERY, redundant_with=('x', 'y')))
     page = Page(write_report(tmp_path, replaced, make_episodes(), NAMES, {}))
     assert '<th>redundant with</th>' in page.source
-    assert re.findall(r'<td class="name">([^<]*)</td></tr>', page.source) == ['', '', 'x, y']
+    assert page.source.count('<td class="name">x, y</td>') == 1
+
+
+def test_warnings_come_before_all_else(tmp_path):
+    warned = replace(SELECTION, warnings=('1 < 2 rewards',))
+    page = Page(write_report(tmp_path, warned, make_episodes(), NAMES, {}))
+    start, _, rest = page.source.partition('<p class="warning">1 &lt; 2 rewards</p>')
+    assert '<h1>' in start
+    assert '<p>' not in start
+    assert '<h2>' in rest
+
+
+def test_the_page_ends_with_what_to_keep_and_what_can_go(tmp_path):
+    topics = {'x': '/pose', 'y': '/pose', 'battery': '/<b>', 'noise': '/noise'}
+    advice = advice_of(SELECTION, topics, {'/<b>': Rate(10.0, 2500.0)})
+    page = Page(write_report(tmp_path, SELECTION, make_episodes(), NAMES, {}, advice=advice))
+    end = page.source.partition('<h2>What to keep, and what can go</h2>')[2]
+    keep, can_go, undecided = end.split('<h3>')[1:]
+    assert 'Keep these</h3><ul><li>/pose: ' in keep
+    assert '<li>/&lt;b&gt;: battery adds at most 0.2%; 10 messages/s, 2.5 kB/s</li>' in can_go
+    assert '<li>/noise: not tested</li>' in undecided
+    by_sensor = Page(write_report(tmp_path, SELECTION, make_episodes(), NAMES, {}))
+    assert '<li>battery: adds at most 0.2%</li>' in by_sensor.source
+
+
+def test_a_decision_says_why(tmp_path):
+    why = [replace(X, why='reward'), replace(Y, why='predicts x')]
+    decision = selection(*why, BATTERY, target='decision')
+    page = Page(write_report(tmp_path, decision, make_episodes(), NAMES, {}))
+    assert '<td class="name">predicts x -&gt; reward</td>' in page.source
+    assert 'or of a next value' in page.source
+    assert len(page.pictures) == 5
 
 
 def test_the_page_needs_no_network_and_runs_nothing(tmp_path):
@@ -105,6 +143,7 @@ def test_evidence_that_is_not_there_is_not_shown(tmp_path):
     page = Page(write_report(tmp_path, BARE, make_episodes(), NAMES, {}))
     assert '<th>p</th>' not in page.source
     assert '<th>status</th>' not in page.source
+    assert 'What to keep' not in page.source
     assert 'Nothing was dropped.' in page.source
 
 

@@ -62,7 +62,12 @@ def test_several_bags_are_pooled_and_everything_is_written(tmp_path, robot, caps
     assert main([*bags, '--robot', robot, *options]) == 0
     printed = capsys.readouterr().out
     assert '270 messages, 15 whole episodes' in printed
-    assert 'null band' in printed
+    assert '95 % interval' in printed
+    # A message each 0.1 s, but for the two ends; a Float64 is 4 bytes of header and 8 of value.
+    keep, _, rest = printed.partition('keep these:\n')[2].partition('can go')
+    assert keep.startswith('  /pose: x adds')
+    assert '; 10.1 messages/s, ' in keep
+    assert re.search('/noise: noise adds .*; 10.1 messages/s, 121 B/s', keep + rest)
     selection = json.loads((out / 'selection.json').read_text())
     assert (selection['ranking'][0], selection['sensors'][0]['status']) == ('x', 'confirmed')
     assert 'still' not in selection['names']

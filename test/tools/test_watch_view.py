@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from rich.console import Console
 from selections import selection, sensor
 
+from cmifs_ros.core.effect import Effect
 from cmifs_ros.tools.watch_view import Snapshot, Status, view
 
 VALUES = {
@@ -19,9 +20,9 @@ VALUES = {
     'computing for s': '2.5',
     'progress': '40%',
 }
-X = sensor('x', 0.25, is_selected=True, pvalue=0.0021, status='confirmed')
+X = sensor('x', 0.25, is_selected=True, pvalue=0.0021, status='confirmed', effect=Effect(0.4, 0.1))
 Y = sensor('y', 1.0, is_selected=True, pvalue=0.2)
-BATTERY = sensor('battery', 0.5, pvalue=0.9, status='dispensable')
+BATTERY = sensor('battery', 0.5, pvalue=0.9, status='dispensable', effect=Effect(-0.001, 0.002))
 
 
 def text_of(snapshot, width=80, **options):
@@ -46,13 +47,24 @@ def test_the_view_shows_input_selection_evidence_and_cost_within_80_columns():
                   'made 1 min ago (timer), from',
                   '100 episodes in 1.25 s', 'computing for 2.5 s, 40% done'):  # fmt: skip
         assert shown in ' '.join(text.split()), shown
-    rows = {
-        m[1]: m for m in re.finditer(r'^\d +(\w+) +([\d.]+) +(█*) +([\d.]+) +(\w+)', text, re.M)
-    }
-    assert [rows[n][2] for n in ('x', 'y', 'battery')] == ['0.250', '1.000', '0.500']
-    assert len(rows['y'][3]) == 4 * len(rows['x'][3]) == 2 * len(rows['battery'][3])
-    assert rows['y'][4] == '0.2'
-    assert rows['battery'][5] == 'dispensable'
+    rows = re.findall(r'^ +\d +(\w+) +(\S+%) +(\S+% to \S+%) +(\w+) +(\S+)$', text, re.M)
+    assert rows == [
+        ('x', '40.0%', '20.4% to 59.6%', 'confirmed', '0.0021'),
+        ('y', '12.5%', '0.3% to 24.7%', 'undecided', '0.2'),
+        ('battery', '-0.1%', '-0.5% to 0.3%', 'dispensable', '0.9'),
+    ]
+
+
+def test_warnings_come_first_and_the_share_that_is_predicted_is_said():
+    found = selection(
+        replace(X, why='reward'), replace(Y, why='predicts x'), BATTERY, target='decision',
+        warnings=('the episodes overlap',), predicted_share=0.5, predicted_share_of_all=0.25,
+    )  # fmt: skip
+    text = text_of(snapshot(selection=found))
+    assert text.index('warning the episodes overlap') < text.index('input')
+    text = ' '.join(text.split())
+    assert 'the 2 selected of 3 sensors predict 50% of the variance of the reward' in text
+    assert 'why: x (reward), y (predicts x -> reward)' in text
 
 
 def test_redundant_sensors_are_named():
@@ -119,11 +131,10 @@ def test_the_sampler_is_shown_with_the_topics_that_are_not_well():
 
 def test_long_names_are_shown_by_both_ends_and_push_no_column_away():
     names = [f'/front_lidar/scan/ranges/of_the_left_side[{i}]' for i in range(12)]
-    text = text_of(
-        snapshot(*(sensor(n, -0.125, pvalue=1.2e-18, status='confirmed') for n in names))
-    )
+    text = text_of(snapshot(*(sensor(n, pvalue=1.2e-18, status='confirmed') for n in names)))
     assert max(map(len, text.splitlines())) <= 80
-    rows = re.findall(r'^ *\d+ +/front_lid\S+…\S+(\[\d+\]) +-0.125 +1.2e-18 +confirmed', text, re.M)
+    row = r'^ *\d+ +/front_lid\S+…\S+(\[\d+\]) +12.5% +0.3% to 24.7% +confirmed +1.2e-18$'
+    rows = re.findall(row, text, re.M)
     assert rows == [f'[{i}]' for i in range(12)]
 
 

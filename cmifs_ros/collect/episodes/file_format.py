@@ -17,7 +17,7 @@ The second line is JSON. `actions` has the names of the values of an action, of 
 all or none; `episodes` gives the T and a of each before the records, and where in `sources` its
 source is; `selection` is null or what `fields_of` gives, with `means` and `spreads`; `selected_at`
 is in seconds of Unix time. Versions 2 to 4 have `lengths` in place of `episodes`, no actions and no
-sources, and their records begin with T and the CRC-32; their selection is another, and is not read.
+sources, and their records begin with T and the CRC-32. A selection in an older form is not read.
 Nothing in it can run code, and nothing is allocated before its size is known to be within the
 bounds. Nothing here knows ROS.
 """

@@ -12,6 +12,7 @@ from typing import BinaryIO, NamedTuple
 
 import numpy as np
 
+from cmifs_ros.collect import selection_fields
 from cmifs_ros.collect.selection_fields import count_of, list_of, names_of, selection_of
 from cmifs_ros.core import Episode
 from cmifs_ros.core.channel_names import MAX_CHANNELS
@@ -91,9 +92,10 @@ def _read(file: BinaryIO, max_episodes: int | None, max_bytes: float) -> Saved:
         channel_names = names_of(header['channels'], MAX_CHANNELS)
         action_names = names_of(header['actions'], MAX_CHANNELS) if version == VERSION else ()
         described = _described(header, version, len(action_names))
-        selection = None
-        if version == VERSION and header['selection'] is not None:
-            selection = selection_of(header['selection'])
+        selection, fields = None, header['selection']
+        is_read = version == VERSION and fields is not None
+        if is_read and fields['version'] == selection_fields.VERSION:
+            selection = selection_of(fields)
             if not selection.names:
                 raise ValueError('a selection of nothing')
         selected_at = float(header['selected_at'])

@@ -2,8 +2,31 @@
 
 from __future__ import annotations
 
+import math
 from array import array
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
+
+#: What is published of a state: the selected channels, or all, NaN where not selected.
+LAYOUTS = ('selected', 'full')
+
+
+def layout_of(
+    layout: str, channel_names: Sequence[str], selected: Collection[str] | None
+) -> list[str]:
+    """Return the channels that are published, in the order of the state.
+
+    Parameters
+    ----------
+    layout : str
+        One of `LAYOUTS`.
+    channel_names : sequence of str
+        All of a state.
+    selected : collection of str or None
+        None: before the first selection.
+
+    """
+    is_full = layout == 'full' or selected is None
+    return [name for name in channel_names if is_full or name in selected]
 
 
 class StateFilter:
@@ -11,24 +34,27 @@ class StateFilter:
 
     Parameters
     ----------
-    names : sequence of str
+    selected : collection of str
         The channels to pick.
+    names : sequence of str
+        Those to return, in this order; NaN for one that is not selected.
 
     Attributes
     ----------
     names : list of str
     num_lacking : int
-        States that lacked one of them.
+        States that lacked a selected channel.
     is_lacking : bool
         Whether the newest did.
 
     """
 
-    def __init__(self, names: Sequence[str]):
+    def __init__(self, selected: Collection[str], names: Sequence[str]):
         self.names = list(names)
+        self._selected = set(selected)
         self.num_lacking = 0
         self._state_names: list[str] | None = None
-        self._columns: list[int] | None = []
+        self._columns: list[int | None] | None = []
 
     @property
     def is_lacking(self) -> bool:
@@ -36,13 +62,13 @@ class StateFilter:
         return self._columns is None
 
     def pick(self, names: list[str], values: Sequence[float]) -> array | None:
-        """Return the values of the channels, or None if the state lacks one of them."""
+        """Return the values, or None if the state lacks a selected channel."""
         if names != self._state_names:
             self._state_names = names
-            columns = {name: column for column, name in enumerate(names)}
-            is_complete = columns.keys() >= set(self.names)
-            self._columns = [columns[name] for name in self.names] if is_complete else None
+            columns = {name: c for c, name in enumerate(names) if name in self._selected}
+            is_complete = len(columns) == len(self._selected)
+            self._columns = [columns.get(name) for name in self.names] if is_complete else None
         if self._columns is None:
             self.num_lacking += 1
             return None
-        return array('d', [values[column] for column in self._columns])
+        return array('d', [math.nan if c is None else values[c] for c in self._columns])

@@ -168,6 +168,11 @@ class RobotFile:
         return tuple(name for s in self.sources if s.role == role for name in s.names)
 
     @property
+    def channel_topics(self) -> dict[str, str]:
+        """The topic of each channel."""
+        return {name: s.path.topic for s in self.sources if s.role == CHANNEL for name in s.names}
+
+    @property
     def groups(self) -> dict[str, tuple[str, ...]]:
         """Sensors of several channels, by the rule by which the live selector finds them."""
         return groups_by_name(self.channel_names)

@@ -6,6 +6,7 @@ rosbags and mcap are optional: `pip install 'rosbags>=0.11,<0.12' mcap`.
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from importlib.util import find_spec
@@ -74,6 +75,8 @@ class BagReader:
         the topics beside it.
     typestore
         The message types, as rosbags holds them.
+    num_messages, num_bytes : dict of str to int
+        What was read of each topic.
 
     """
 
@@ -90,6 +93,7 @@ class BagReader:
         times = [time for storage in storages for time in storage.times]
         self.duration = max(times, default=0) - min(times, default=0)
         self.typestore, self.unreadable = _typestore(self.connections)
+        self.num_messages, self.num_bytes = Counter[str](), Counter[str]()
 
     @property
     def connections(self) -> list[Connection]:
@@ -100,8 +104,10 @@ class BagReader:
         """Yield connection, time of record and bytes of the messages of some topics."""
         for storage in self._storages:
             wanted = [c for c in storage.connections if c.topic in topics]
-            if wanted:
-                yield from storage.messages(wanted)
+            for connection, recorded, data in storage.messages(wanted) if wanted else ():
+                self.num_messages[connection.topic] += 1
+                self.num_bytes[connection.topic] += len(data)
+                yield connection, recorded, data
 
     def decode(self, connection: Connection, data: bytes) -> object:
         """Return a message; raise whatever its decoder raises."""

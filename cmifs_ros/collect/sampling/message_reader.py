@@ -11,7 +11,7 @@ from cmifs_ros.collect.robot_file.model import STATUS, RobotFile, Source, Unlist
 from .episode_ends import ENDS
 from .event_order import SECOND
 
-_UNREADABLE = (
+UNREADABLE = (
     MissingFieldError, TypeError, ValueError, AttributeError, LookupError, ArithmeticError,
 )  # fmt: skip
 
@@ -70,7 +70,7 @@ class MessageReader:
         content, problem = Content(), ''
         try:
             stamp = event_time(message)
-        except _UNREADABLE as error:
+        except UNREADABLE as error:
             return None, None, f'its stamp: {error}'
         for source in self._by_topic[topic]:
             try:
@@ -80,12 +80,12 @@ class MessageReader:
             except UnlistedKindError as error:
                 content.values[source.name] = [math.nan]  # What it was before, it is no longer.
                 problem = str(error)
-            except _UNREADABLE as error:
+            except UNREADABLE as error:
                 problem = str(error)
         for key, rule in self._rules[topic]:
             try:
                 said = sum(rule.numbers_in(message)) if rule.fields else 1.0
-            except _UNREADABLE as error:
+            except UNREADABLE as error:
                 problem = str(error)
                 continue
             if key == 'reward':
@@ -95,7 +95,7 @@ class MessageReader:
         if topic == self._status_topic:
             try:
                 content.goals = _goals_of(topic, message)
-            except _UNREADABLE as error:
+            except UNREADABLE as error:
                 problem = str(error)
         return stamp, content, problem
 

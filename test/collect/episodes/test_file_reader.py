@@ -72,6 +72,19 @@ def test_an_older_file_is_read_without_its_selection(tmp_path, version):
     assert all(map(same, found.episodes, [first, second]))
 
 
+def test_a_selection_in_an_older_form_is_not_read_but_the_episodes_are(tmp_path):
+    path = tmp_path / 'episodes'
+    episode_file.write(path, Saved(NAMES, episodes(1), SELECTION, 1.0))
+    magic, header, rest = path.read_bytes().split(b'\n', 2)
+    said = json.loads(header)
+    said['selection']['version'] = 1
+    content = magic + b'\n' + json.dumps(said).encode() + b'\n' + rest[:-32]
+    path.write_bytes(content + hashlib.sha256(content).digest())
+    found = read_episodes(path, **ENOUGH)
+    assert found.selection is None
+    assert all(map(same, found.episodes, episodes(1)))
+
+
 def test_nothing_at_all_can_be_saved_too(tmp_path):
     episode_file.write(tmp_path / 'x', Saved(None, ()))
     assert read_episodes(tmp_path / 'x', **ENOUGH) == Saved(None, [])

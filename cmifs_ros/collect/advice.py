@@ -1,0 +1,239 @@
+"""What follows from a selection: which topics or sensors to keep, and which can go."""
+
+from __future__ import annotations
+
+import math
+import textwrap
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+from statistics import NormalDist
+
+from cmifs_ros.core.effect import Effect
+from cmifs_ros.core.selection import Selection, SensorResult
+from cmifs_ros.core.statuses import CONFIRMED, DISPENSABLE
+from cmifs_ros.core.targets import ACTION, DECISION, RETURN
+from cmifs_ros.core.words import counted, first, listed, short
+
+from .selection_report import LINE_WIDTH, interval, share
+from .traffic import Rate
+
+#: Chance that a sensor that adds as much as the margin is called dispensable, and that anything is
+#: confirmed where nothing matters; the number of episodes is estimated for these.
+_ALPHA = 0.05
+#: How many times too great an error may be; by more, the number of episodes is no guess.
+_MAX_EXCESS = 100
+_SCOPES = {
+    RETURN: 'This is about the return under the controller that was recorded. A controller that '
+    'is to be learned or changed may need other sensors: target decision.',
+    DECISION: 'This is about what a controller needs that is to be learned or changed, for the '
+    'reward of this task.',
+    ACTION: 'This is about what the recorded controller looks at.',
+}
+
+
+@dataclass(frozen=True)
+class Item:
+    """A topic, or a sensor where topics are not known.
+
+    Attributes
+    ----------
+    name : str
+    notes : tuple of str
+        What its sensors add, and what is to be known before it is switched off.
+    rate : Rate or None
+    more_episodes : int or None
+        Of what is undecided: how many more would decide, about. None: the data do not tell.
+
+    """
+
+    name: str
+    notes: tuple[str, ...]
+    rate: Rate | None = None
+    more_episodes: int | None = None
+
+
+@dataclass(frozen=True)
+class Advice:
+    """What to keep, what can go, and what is undecided; all empty where nothing was tested.
+
+    `scope` says in a sentence what the advice is about.
+    """
+
+    scope: str = ''
+    keep: tuple[Item, ...] = ()
+    can_go: tuple[Item, ...] = ()
+    undecided: tuple[Item, ...] = ()
+
+
+def advice_of(
+    selection: Selection,
+    topics: Mapping[str, str] | None = None,
+    rates: Mapping[str, Rate] | None = None,
+    needed: Collection[str] = (),
+) -> Advice:
+    """Return what follows from a selection.
+
+    Kept is what is selected or confirmed: what is dispensable is so beside the selected sensors. A
+    topic can go when all its channels can.
+
+    Parameters
+    ----------
+    selection : Selection
+    topics : mapping of str to str, optional
+        The topic of each channel. Without it the advice is of sensors.
+    rates : mapping of str to Rate, optional
+        By topic, or by sensor without `topics`.
+    needed : collection of str
+        Topics that actions, steps, reward or ends of episodes need, whatever channels they have.
+
+    """
+    if not any(sensor.status for sensor in selection.sensors):
+        return Advice()
+    owners = {channel: sensor for sensor in selection.sensors for channel in sensor.channels}
+    if topics is None:
+        members: dict[str, list[SensorResult | None]] = {s.name: [s] for s in selection.sensors}
+    else:
+        members = {}
+        for channel, topic in topics.items():
+            members.setdefault(topic, []).append(owners.get(channel))
+    keep, can_go, undecided = [], [], []
+    for name, found in members.items():
+        sensors = list(dict.fromkeys(sensor for sensor in found if sensor is not None))
+        rate = (rates or {}).get(name)
+        if any(sensor.is_selected or sensor.status == CONFIRMED for sensor in sensors):
+            notes = _added(name, sensors, _estimate)
+            if all(sensor.status != CONFIRMED for sensor in sensors):
+                notes += ('selected, but not confirmed',)
+            keep.append(Item(name, notes, rate))
+        elif None not in found and all(sensor.status == DISPENSABLE for sensor in sensors):
+            notes = _added(name, sensors, _at_most) + _conditions(sensors, name in needed)
+            can_go.append(Item(name, notes, rate))
+        else:
+            more = _most([_more_episodes(s, selection) for s in found])
+            undecided.append(Item(name, _added(name, sensors, _range), rate, more))
+    return Advice(_SCOPES[selection.target], tuple(keep), tuple(can_go), tuple(undecided))
+
+
+def _added(name: str, sensors: Sequence[SensorResult], said) -> tuple[str, ...]:
+    """Return what sensors add, each by its name unless it is the item itself."""
+    if [sensor.name for sensor in sensors] == [name]:
+        return (said(sensors[0].effect),) if sensors[0].effect is not None else ()
+    names = [
+        short(s.name) if s.effect is None else f'{short(s.name)} {said(s.effect)}' for s in sensors
+    ]
+    return (first(names) or 'not tested',)
+
+
+def _estimate(effect: Effect) -> str:
+    return f'adds {share(effect.share)}'
+
+
+def _at_most(effect: Effect) -> str:
+    return f'adds at most {share(max(effect.upper_bound, 0.0))}'
+
+
+def _range(effect: Effect) -> str:
+    return f'adds {interval(effect)}'
+
+
+def _conditions(sensors: Sequence[SensorResult], is_needed: bool) -> tuple[str, ...]:
+    """Return what is to be known before sensors are switched off."""
+    found = []
+    redundant = dict.fromkeys(name for sensor in sensors for name in sensor.redundant_with)
+    if redundant:
+        found.append(f'as long as {listed(list(redundant))} stays')
+    if any(sensor.is_constant for sensor in sensors):
+        found.append('never changed in these episodes')
+    if is_needed:
+        found.append('but actions, steps, reward or ends of episodes need the topic')
+    return tuple(found)
+
+
+def _most(counts: Sequence[int | None]) -> int | None:
+    return None if None in counts else max(counts)
+
+
+def _more_episodes(sensor: SensorResult | None, selection: Selection) -> int | None:
+    """Return how many more episodes would tell what a sensor adds from 0, or from the margin.
+
+    Its estimate stays, and its error falls with the root of the number of episodes. None where
+    the error is small enough already, so that something else keeps it undecided, or where it would
+    take very many.
+    """
+    if sensor is None:
+        return None
+    if sensor.status == DISPENSABLE:
+        return 0
+    effect, margin = sensor.effect, selection.margin
+    if effect is None or margin is None:
+        return None
+    to_confirm = effect.share / -NormalDist().inv_cdf(_ALPHA / len(selection.sensors))
+    to_dispense = (margin - effect.share) / -NormalDist().inv_cdf(_ALPHA)
+    needed = max(to_confirm, to_dispense)  # One is positive, as the margin is.
+    if not needed < effect.error <= _MAX_EXCESS * needed:
+        return None
+    return _rounded_up(selection.episodes * ((effect.error / needed) ** 2 - 1))
+
+
+def _rounded_up(number: float) -> int:
+    """Return a number with a single digit that is not 0, but at least 10: it is a guess."""
+    unit = 10 ** max(1, int(math.log10(max(number, 1.0))))
+    return int(math.ceil(number / unit) * unit)
+
+
+def advice_fields(advice: Advice) -> dict[str, list]:
+    """Return advice as JSON says it; docs/interface.md lists the fields."""
+    return {
+        'keep': [item.name for item in advice.keep],
+        'can_go': [item.name for item in advice.can_go],
+        'undecided': [
+            {'name': item.name, 'more_episodes': item.more_episodes} for item in advice.undecided
+        ],
+    }
+
+
+def advice_lines(advice: Advice, most: int = 12) -> list[str]:
+    """Return advice as lines of text: three headings, and below each so many items at most."""
+    lines = textwrap.wrap(advice.scope, LINE_WIDTH)
+    for heading, items in headed(advice):
+        lines.append(f'{heading}:' if items else f'{heading}: nothing')
+        lines += [f'  {text_of(item)}' for item in items[:most]]
+        if len(items) > most:
+            lines.append(f'  and {len(items) - most} more')
+    return lines
+
+
+def headed(advice: Advice) -> list[tuple[str, Sequence[Item]]]:
+    """Return the three lists with their headings; none where there is no advice."""
+    if advice == Advice():
+        return []
+    can_go = 'these can go'
+    rates = [item.rate for item in advice.can_go if item.rate is not None]
+    if len(rates) > 1:
+        can_go += f' (together {_rate(Rate(*map(sum, zip(*rates, strict=True))))})'
+    return [
+        ('keep these', advice.keep),
+        (can_go, advice.can_go),
+        ('undecided', advice.undecided),
+    ]
+
+
+def text_of(item: Item) -> str:
+    """Return an item of the advice in words."""
+    parts = [*item.notes]
+    parts += [_rate(item.rate)] if item.rate is not None else []
+    if item.more_episodes is not None:
+        parts.append(f'about {counted(item.more_episodes, "more episode")} would decide')
+    return f'{item.name}: {"; ".join(parts)}' if parts else item.name
+
+
+def _rate(rate: Rate) -> str:
+    return f'{rate.messages:.3g} messages/s, {_size(rate.bytes)}/s'
+
+
+def _size(number: float) -> str:
+    for unit in ('B', 'kB', 'MB'):
+        if number < 999.5:
+            return f'{number:.3g} {unit}'
+        number /= 1000
+    return f'{number:.3g} GB'

@@ -1,0 +1,6 @@
+"""The quality of service of the nodes' own topics."""
+
+from rclpy.qos import DurabilityPolicy, QoSProfile
+
+STREAM_QOS = QoSProfile(depth=1000)
+LATCHED_QOS = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)

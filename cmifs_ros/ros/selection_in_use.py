@@ -1,0 +1,74 @@
+"""The selection in use, and what has become of the data since it was made."""
+
+from __future__ import annotations
+
+import time
+
+from cmifs_ros.collect.episodes.drift import Drift
+from cmifs_ros.core import Episode
+from cmifs_ros.core.selection import Selection
+
+
+class SelectionInUse:
+    """A selection that is applied until the next one.
+
+    Parameters
+    ----------
+    selection : Selection
+    channel_names : tuple of str
+        Those that it was made from.
+    selected_at : float
+        By `time.monotonic`.
+    cause : str
+        Why it was made.
+    horizon : int
+        Episodes before which nothing is said of a change in the data.
+
+    Attributes
+    ----------
+    selection, channel_names, selected_at, cause : see above
+
+    """
+
+    def __init__(
+        self,
+        selection: Selection,
+        channel_names: tuple[str, ...],
+        *,
+        selected_at: float,
+        cause: str,
+        horizon: int,
+    ):
+        self.selection, self.channel_names = selection, channel_names
+        self.selected_at, self.cause = selected_at, cause
+        self._drift: Drift | None = Drift(selection, horizon)
+
+    @property
+    def age(self) -> float:
+        """Seconds since it was made."""
+        return time.monotonic() - self.selected_at
+
+    @property
+    def confirmed(self) -> tuple[str, ...]:
+        """The sensors that stay confirmed without evidence against them; none without its data."""
+        return () if self._drift is None else self.selection.confirmed
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """The selected channels, in the order of the state."""
+        pairs = zip(self.selection.indices, self.selection.names, strict=True)
+        return tuple(name for _, name in sorted(pairs))
+
+    def add(self, episode: Episode) -> None:
+        """Take an episode that came since."""
+        if self._drift is not None:
+            self._drift.add(episode)
+
+    def forget_data(self) -> None:
+        """Compare no further episodes with those that it was made from."""
+        self._drift = None
+
+    def changed(self) -> list[str]:
+        """Return the channels, or 'the reward', that no longer look as they did."""
+        names = (*self.channel_names, 'the reward')
+        return [] if self._drift is None else [names[index] for index in self._drift.changed()]

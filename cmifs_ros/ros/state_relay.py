@@ -1,0 +1,96 @@
+"""`selected_state` from the states as they come, unless the sampler publishes it."""
+
+from __future__ import annotations
+
+from array import array
+
+from rclpy.node import Node
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Header
+
+from cmifs_ros.collect.episodes.filter import StateFilter, layout_of
+
+from .qos import STREAM_QOS
+from .selection_in_use import SelectionInUse
+
+#: What the middleware says of a publisher whose node has not introduced itself yet.
+_UNKNOWN = '_NODE_NAME_UNKNOWN_'
+
+
+class StateRelay:
+    """Publish the selected channels of each state, if nobody else does.
+
+    A node that publishes both `state` and `selected_state`, as the sampler does, needs no relay.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+    settings : dict
+        The node's parameters by name, which follows their changes.
+
+    """
+
+    def __init__(self, node: Node, settings: dict):
+        self._node, self._settings = node, settings
+        self._publisher = node.create_publisher(JointState, 'selected_state', STREAM_QOS)
+        self._input = node.resolve_topic_name('state')
+        self._message = JointState()  # One for all: a new one takes as long to make.
+        self._filter: StateFilter | None = None
+        self._others: set[str] = set()
+        self._num_publishers = 0
+        self._is_certain = False
+
+    @property
+    def num_lacking(self) -> int:
+        """States that lacked a selected channel, since the selection was made."""
+        return 0 if self._filter is None else self._filter.num_lacking
+
+    @property
+    def is_lacking(self) -> bool:
+        """Whether the newest state lacks a selected channel."""
+        return self._filter is not None and self._filter.is_lacking
+
+    def other_publisher(self) -> str:
+        """Return the node that publishes `selected_state` itself, or nothing."""
+        self._look()
+        return min(self._others, default='')
+
+    def use(self, in_use: SelectionInUse | None) -> None:
+        """Apply a selection; without one, all of a state is selected."""
+        self._filter, self._message.header.frame_id = None, ''
+        if in_use is not None:
+            names = layout_of(self._settings['layout'], in_use.channel_names, in_use.channels)
+            self._filter = StateFilter(in_use.channels, names)
+            self._message.header.frame_id = str(in_use.selection.number)
+
+    def relay(self, header: Header, names: list[str], values: array) -> None:
+        """Take a state."""
+        # A sampler is known by its `selected_state` before its first `state` comes.
+        count = self._node.count_publishers(self._publisher.topic_name)
+        if not self._is_certain or count != self._num_publishers:
+            self._look()
+        if self._others or len(names) != len(values):
+            return
+        if self._filter is not None:
+            values = self._filter.pick(names, values)
+            names = self._filter.names
+        elif not self._settings['pass_through_until_selected']:
+            return
+        # Publishing is most of the work, also for nobody.
+        if values is not None and self._publisher.get_subscription_count():
+            out = self._message
+            out.header.stamp, out.name, out.position = header.stamp, names, values
+            self._publisher.publish(out)
+
+    def _look(self) -> None:
+        origins = self._publishers(self._input)
+        publishers = self._publishers(self._publisher.topic_name)
+        self._num_publishers = len(publishers)
+        others = set(publishers) - {self._node.get_fully_qualified_name()}
+        # Who is not known yet may be the sampler: what comes meanwhile is not published twice.
+        self._is_certain = bool(origins) and not any(_UNKNOWN in n for n in origins + publishers)
+        self._others = {n for n in others if not origins or n in origins or _UNKNOWN in n}
+
+    def _publishers(self, topic: str) -> list[str]:
+        found = self._node.get_publishers_info_by_topic(topic)
+        return [f'{info.node_namespace.rstrip("/")}/{info.node_name}' for info in found]

@@ -1,0 +1,112 @@
+"""The newest values for control: of the selected channels alone, and at once."""
+
+from math import inf, nan
+from types import SimpleNamespace as Message
+
+import pytest
+
+from cmifs_ros.collect.robot_file.reader import parse_robot_file
+from cmifs_ros.collect.sampling.newest_values import NewestValues
+
+SECOND = 1_000_000_000
+ROBOT = parse_robot_file("""
+step: {topic: /a}
+channels:
+  a: /a.data
+  pair: {path: "/pair.data[0:2]", max_age: 2}
+  map: {path: /map.data, max_age: .inf}
+  mode: {path: /mode.data, one_hot: [0, 1]}
+reward: a
+""")
+NAMES = ['a', 'pair[0]', 'pair[1]', 'map', 'mode.0', 'mode.1']
+
+
+@pytest.fixture
+def newest():
+    return NewestValues(ROBOT)
+
+
+def take(newest, seconds=0.0, **values):
+    for topic, value in values.items():
+        newest.take(f'/{topic}', Message(data=value), int(seconds * SECOND))
+
+
+def state(newest, seconds=0.0):
+    return newest.state(int(seconds * SECOND)).tolist()
+
+
+def test_before_a_selection_it_has_all_channels_in_the_order_of_the_file(newest):
+    take(newest, mode=1, pair=[2.0, 3.0], a=1.0, map=4.0)
+    assert newest.names == NAMES
+    assert state(newest) == [1, 2, 3, 4, 0, 1]
+    take(newest, a=5.0)
+    assert state(newest)[0] == 5
+    assert newest.gone == {}
+
+
+def test_channels_that_are_not_selected_matter_nothing(newest):
+    newest.select({'pair[1]', 'a'}, ['a', 'pair[1]'])
+    take(newest, a=1.0, pair=[nan, 3.0])
+    assert state(newest) == [1, 3]
+    assert newest.gone == {}
+
+
+def test_a_full_layout_has_nan_for_what_is_not_selected(newest):
+    newest.select({'pair[1]'}, NAMES)
+    take(newest, a=1.0, pair=[2.0, 3.0])
+    assert state(newest) == pytest.approx([nan, nan, 3, nan, nan, nan], nan_ok=True)
+    assert newest.gone == {}
+
+
+def test_what_is_gone_is_nan_with_its_cause_and_comes_back(newest):
+    take(newest, a=1.0, pair=[2.0, 3.0], mode=0)
+    state(newest)
+    assert state(newest, 0.9) == pytest.approx([1, 2, 3, nan, 1, 0], nan_ok=True)
+    assert newest.gone == {}  # The map has not spoken yet, for which it has a second.
+    assert state(newest, 1.1) == pytest.approx([nan, 2, 3, nan, nan, nan], nan_ok=True)
+    silent = 'silent for more than its max_age, 1 s'
+    assert newest.gone == {'a': silent, 'map': 'no message yet', 'mode': silent}
+    take(newest, 2.5, a=4.0, map=5.0, mode=7)
+    assert state(newest, 2.5) == pytest.approx([4, nan, nan, 5, nan, nan], nan_ok=True)
+    assert newest.gone == {'pair': 'silent for more than its max_age, 2 s', 'mode': 'it is nan'}
+    take(newest, 2.5, a=inf, pair=[1.0, 2.0])
+    assert state(newest, 2.5)[:3] == pytest.approx([nan, 1, 2], nan_ok=True)
+    assert newest.gone['a'] == 'it is inf'
+
+
+def test_a_message_without_the_field_changes_nothing(newest):
+    take(newest, a=1.0, pair=[2.0, 3.0])
+    take(newest, a='text', pair=[1.0])
+    newest.take('/a', Message(), 0)
+    assert state(newest)[:3] == [1, 2, 3]
+
+
+def test_what_was_latched_before_it_was_selected_counts(newest):
+    newest.select({'a'}, ['a'])
+    take(newest, a=1.0, map=4.0)
+    newest.select({'a', 'map'}, ['a', 'map'])
+    assert state(newest, 0.5) == [1, 4]
+    assert state(newest, 500) == pytest.approx([nan, 4], nan_ok=True)
+
+
+def test_where_the_clock_is_set_back_what_was_received_before_counts_from_then_on(newest):
+    newest.select({'a', 'map'}, ['a', 'map'])
+    take(newest, 100.0, a=1.0, map=4.0)
+    assert state(newest, 100.0) == [1, 4]
+    assert state(newest, 3.0) == [1, 4]
+    assert state(newest, 4.5) == pytest.approx([nan, 4], nan_ok=True)
+    take(newest, 4.6, a=2.0)
+    assert state(newest, 4.6) == [2, 4]
+
+
+def test_what_is_summarised_is_so_since_the_step_before():
+    robot = parse_robot_file(
+        'step: {topic: /a}\nreward: a\n'
+        'channels: {a: /a.data, shake: {path: /b.data, over: [mean, max]}}\n'
+    )
+    newest = NewestValues(robot)
+    for value in (1.0, 3.0):
+        take(newest, a=0.0, b=value)
+    assert state(newest) == [0, 2, 3]
+    assert state(newest, 0.5) == [0, 3, 3]  # No message since: the newest holds.
+    assert state(newest, 2.0)[1:] == pytest.approx([nan, nan], nan_ok=True)
