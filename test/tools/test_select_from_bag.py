@@ -608,3 +608,17 @@ def test_files_in_the_order_of_their_outcome_are_not_taken_for_drift(tmp_path):
         found[order] = selection['names']
     assert found['none'] == ['x']
     assert found['time'] == []
+
+
+def test_a_bag_of_states_and_rewards_brings_the_actions_beside_them(tmp_path):
+    sent = rollout_control('match', 4, seed=1)
+    episodes = [(episode.states[:, :2], episode.rewards) for episode in sent]
+    actions = [episode.actions for episode in sent[:3]]  # Then they fall silent.
+    write_states_and_rewards(tmp_path / 'bag', episodes, actions=actions)
+    bag = episodes_of_bag(tmp_path / 'bag')
+    assert bag.action_names == ('turn',)
+    assert [len(episode) for episode in bag.episodes] == [12] * 4
+    for episode, expected in zip(bag.episodes, actions, strict=False):
+        np.testing.assert_array_equal(episode.actions, expected)
+    assert bag.episodes[3].actions.shape == (12, 0)
+    assert not bag.dropped
