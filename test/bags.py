@@ -74,14 +74,14 @@ def episodes_of(states, pay):
     return [(states[b : b + 5], pay[b + 1 : b + 6]) for b in begins]
 
 
-def write_states_and_rewards(path, episodes, space='/robot', names=('x', 'y')):
-    """Write episodes as the selector's own topics, in a namespace."""
+def write_states_and_rewards(path, episodes, space='/robot', names=('x', 'y'), actions=()):
+    """Write episodes as the selector's own topics, in a namespace; the first ones with actions."""
     types, name = STORE.types, 'sensor_msgs/msg/JointState'
     none = np.zeros(0)
     with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
         topics = {
             t: writer.add_connection(f'{space}/{t}', name, typestore=STORE)
-            for t in ('state', 'reward')
+            for t in ('state', 'reward', *(['action'] if actions else []))
         }
 
         def write(topic, time, names, values):
@@ -95,6 +95,8 @@ def write_states_and_rewards(path, episodes, space='/robot', names=('x', 'y')):
             for step, (state, reward) in enumerate(zip(states, rewards, strict=True)):
                 time += SECOND // 10
                 write('state', time, list(names), state)
+                if number < len(actions):
+                    write('action', time, ['turn'], actions[number][step])
                 is_last = step == len(rewards) - 1
                 fields = ['reward', 'terminated', 'truncated', 'episode', 'step']
                 write('reward', time, fields, [reward, is_last, 0, number, step])

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from .episode import Episode
-from .evidence import ConditionalTest
 from .samples import collect_samples, standardized
+from .targets import ACTION, RETURN, TargetTest
 
 #: Probability of detecting a change although there is none.
 _LEVEL = 0.005
@@ -25,13 +25,14 @@ def num_outdated(
     least_kept: int,
     gamma: float,
     random_state: int,
+    target: str = RETURN,
 ) -> int:
     """Return how many of the oldest episodes no longer fit the newest; 0 if nothing changed.
 
-    `ConditionalTest` tests whether the return, given the channels and the step, differs between the
-    episodes before and after a change point. Nine change points are tried, and the one with the
-    least p-value counts. A channel that acts as an episode counter, such as a draining battery,
-    would explain any change; it is left out.
+    `TargetTest` tests whether the return, or where that is the target the action, given the
+    channels and the step, differs between the episodes before and after a change point. Nine change
+    points are tried, and the one with the least p-value counts. A channel that acts as an episode
+    counter, such as a draining battery, would explain any change; it is left out.
 
     Parameters
     ----------
@@ -45,6 +46,8 @@ def num_outdated(
         Discount factor of the return.
     random_state : int
         Seed.
+    target : str
+        One of `TARGETS`; of a decision the return is tested.
 
     Returns
     -------
@@ -63,18 +66,17 @@ def num_outdated(
         c for c in channels if abs(samples.states[:, c] @ age) <= _MOST_CORRELATED * len(age)
     ]
     samples = samples.with_channels(is_after)
-    test = ConditionalTest(
+    test = TargetTest(
         samples,
-        {'return': samples.returns},
-        discount=gamma,
+        ACTION if target == ACTION else RETURN,
+        (),
+        [f'action{i}' for i in range(samples.actions.shape[1])],
+        gamma,
         random_state=random_state,
         level=_LEVEL,
         ordered=False,
     )
-    pvalues = [
-        p['return']
-        for p in test.pvalues([(num_channels + i,) for i in range(len(moments))], timeless)
-    ]
+    pvalues = test([(num_channels + i,) for i in range(len(moments))], timeless)
     clearest = int(np.argmin(pvalues))
     is_change = pvalues[clearest] * len(moments) <= _LEVEL
     return int(moments[clearest]) if is_change else 0

@@ -197,6 +197,7 @@ def select(
             least_kept=least_kept,
             gamma=selector.gamma,
             random_state=selector.random_state,
+            target=selector.target,
         )
     if outdated:
         episodes = episodes[outdated:]  # Of another task: what was confirmed in it is not any more.

@@ -7,7 +7,6 @@ import json
 import math
 import sys
 import time
-from collections.abc import Sequence
 from concurrent.futures import Future
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -20,7 +19,7 @@ from std_srvs.srv import Trigger
 
 from cmifs_ros.collect.episodes.buffer import EpisodeBuffer
 from cmifs_ros.collect.episodes.file_format import Saved
-from cmifs_ros.collect.episodes.reward_check import problem_of_rewards
+from cmifs_ros.collect.episodes.reward_check import problem_of_target
 from cmifs_ros.collect.episodes.same_actions import with_same_actions
 from cmifs_ros.collect.selection_fields import fields_of
 from cmifs_ros.collect.selection_report import (
@@ -34,7 +33,6 @@ from cmifs_ros.collect.selection_report import (
 from cmifs_ros.core import Episode
 from cmifs_ros.core.looks import level_of_look
 from cmifs_ros.core.selection import Selection
-from cmifs_ros.core.targets import ACTION
 from cmifs_ros.core.words import counted, listed
 
 from . import conversions, diagnostics, selector_status
@@ -265,7 +263,7 @@ class SelectorNode(Node):
         episodes, note = with_same_actions(held, values['min_episodes'])
         if note:
             self.get_logger().warning(note, throttle_duration_sec=300.0)
-        problem = '' if values['method'] == 'kdr' else _problem_for(target, episodes)
+        problem = '' if values['method'] == 'kdr' else problem_of_target(episodes, target)
         if problem:
             self._attempt = diagnostics.WARN, problem
             self.get_logger().warning(f'no selection: {problem}', throttle_duration_sec=300.0)
@@ -446,18 +444,6 @@ class SelectorNode(Node):
             what = f'no selection yet; {counted(count, "episode")}, which is enough'
             return f'{what}: call select_features, as selection_period is 0'
         return f'no selection yet; the next one is from {counted(count, "episode")}'
-
-
-def _problem_for(target: str, episodes: Sequence[Episode]) -> str:
-    """Return why nothing can be selected for a target, or nothing."""
-    if target != ACTION:
-        return problem_of_rewards(episodes)
-    if episodes[0].actions.size:
-        return ''
-    return (
-        "target is 'action', but the episodes have no actions; publish each on `action`, with the "
-        'stamp of its state, or name them in the robot file'
-    )
 
 
 if __name__ == '__main__':

@@ -15,7 +15,7 @@ from cmifs_ros.collect.bag import BagEpisodes, BagError, episodes_of_bag
 from cmifs_ros.collect.discount import Discount, in_words
 from cmifs_ros.collect.episodes import file as episode_file
 from cmifs_ros.collect.episodes.episode_check import problems_of_episodes
-from cmifs_ros.collect.episodes.reward_check import problem_of_rewards
+from cmifs_ros.collect.episodes.reward_check import problem_of_target
 from cmifs_ros.collect.pooling import Pool, pooled
 from cmifs_ros.collect.robot_file import RobotFile, RobotFileError, load_robot_file
 from cmifs_ros.collect.robot_file.model import SOURCES
@@ -24,7 +24,7 @@ from cmifs_ros.collect.sensor_groups import groups_by_name
 from cmifs_ros.collect.traffic import rates_of
 from cmifs_ros.core import ConditionalMISelector
 from cmifs_ros.core.selection import Selection, select
-from cmifs_ros.core.targets import ACTION, RETURN, TARGETS
+from cmifs_ros.core.targets import RETURN, TARGETS
 from cmifs_ros.core.words import counted, first
 
 from .arguments import between, file_to_write, folder_to_write, home_path, number_from
@@ -167,12 +167,7 @@ def _select(bags: list[BagEpisodes], robot: RobotFile | None, options: argparse.
     for problem in (*pool.notes, *problems):
         print(f'warning: {problem}')
     target = options.target or (robot and robot.target) or RETURN
-    if target == ACTION and not pool.action_names:
-        raise CommandError(
-            "target is 'action', but the episodes have no actions: add `actions` to the robot "
-            'file, or record the topic `action` with the stamps of `state`'
-        )
-    problem = '' if target == ACTION else problem_of_rewards(pool.episodes)
+    problem = problem_of_target(pool.episodes, target)
     if problem:
         raise CommandError(problem)
     settings = {'num_features': options.num_features, 'n_jobs': os.cpu_count()}

@@ -1,5 +1,7 @@
 """Several bags: a step counts once, whatever recorded it, and what is doubtful is told."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -92,3 +94,26 @@ def test_without_episodes_nothing_is_known():
     pool = pooled([('a', recorded(drive(num_steps=3)))])
     assert (pool.episodes, pool.channel_names) == ([], ())
     assert np.isnan(pool.step_seconds)
+
+
+def acting(bag, names=('turn',)):
+    """Return the bag with an action at each step."""
+    episodes = [replace(e, actions=np.ones((len(e), len(names)))) for e in bag.episodes]
+    return replace(bag, episodes=episodes, action_names=names)
+
+
+def test_bags_without_actions_are_left_out_where_most_have_some_else_all_do_without():
+    many, few = recorded(drive(0, 100)), recorded(drive(1, 50), 1000)
+    pool = pooled([('a', acting(many)), ('b', few)])
+    assert (len(pool.episodes), pool.action_names) == (4, ('turn',))
+    assert pool.notes == ['4 of 6 episodes have an action at every step: the others are left out']
+    pool = pooled([('a', many), ('b', acting(few))])
+    assert (len(pool.episodes), pool.action_names) == (6, ())
+    assert {episode.actions.shape for episode in pool.episodes} == {(25, 0)}
+    assert pool.notes == ['2 of 6 episodes have an action at every step: selected without actions']
+
+
+def test_bags_of_other_actions_are_refused():
+    one, other = acting(recorded(drive(0, 50))), acting(recorded(drive(1, 50), 1000), ('drive',))
+    with pytest.raises(BagError, match='b has other actions than a; expected the same'):
+        pooled([('a', one), ('b', other)])

@@ -53,3 +53,16 @@ def test_a_selection_rests_on_what_fits_and_says_what_does_not():
     assert selection.names == ('b',)
     assert selection.outdated + selection.episodes == 100
     assert select(stream, NAMES, 'kdr', {'target': 'a'}, least_kept=20).outdated == 0
+
+
+def test_where_the_action_is_the_target_another_behaviour_is_a_change():
+    def followed(channel, count, seed):
+        rng = np.random.default_rng(seed)
+        states = rng.normal(size=(count, 5, 3))
+        return [Episode(s, None, s[:, channel] + 0.1 * rng.normal(size=5)) for s in states]
+
+    stream = followed(0, 50, 1) + followed(1, 50, 2)
+    assert 40 <= num_outdated(stream, (0, 1), target='action', **SETTINGS) <= 60
+    assert num_outdated(followed(0, 80, 3), (0,), target='action', **SETTINGS) == 0
+    # Nothing is paid: by the return nothing can change.
+    assert num_outdated(stream, (0, 1), **SETTINGS) == 0

@@ -20,6 +20,7 @@ actions:
   bin: {path: "/arm.position[0]", one_hot: [0, 1]}
 reward: "/scale.position[0]"
 episode: {steps: 12}
+target: decision
 channels:
 """
 ROBOT += '\n'.join(f'  {name}: "/belt.position[{i}]"' for i, name in enumerate(NAMES))
@@ -119,4 +120,6 @@ def test_the_same_from_the_robots_own_topics(start, robot, tmp_path):
     assert [list(message.position) for message in steps] == expected
     assert list(steps[0].name) == ['bin.0', 'bin.1']
     robot.wait_for_episodes(60)
-    assert selected(robot)[0] == ['hue']
+    reply = json.loads(robot.call(robot.select_client).message)
+    assert reply['names'] == ['hue']
+    assert reply['sensors'][0]['why'] == 'reward'  # Not return: the robot file's target counts.

@@ -61,3 +61,18 @@ def test_a_discount_may_stand_beside_the_reward():
     ):
         assert reader.sample_of(names, array('d', values)).reward == 1
         assert reader.discount == discount
+
+
+def test_a_target_may_stand_beside_the_reward():
+    reader = RewardReader()
+    assert reader.target is None
+    for number, target in enumerate(('return', 'decision', 'action')):
+        reader.sample_of(['reward', 'target'], array('d', [1, number]))
+        assert reader.target == target
+    reader.sample_of(['reward'], array('d', [1]))
+    assert reader.target == 'action'  # As of the newest message that has one.
+    for wrong in (3, 0.5, -1):
+        with pytest.raises(
+            ValueError, match=r'expected 0 \(return\), 1 \(decision\), 2 \(action\)'
+        ):
+            reader.sample_of(['reward', 'target'], array('d', [1, wrong]))

@@ -20,6 +20,7 @@ from cmifs_ros.collect.robot_file.reader import parse_robot_file
 from cmifs_ros.core import ConditionalMISelector
 from cmifs_ros.tools.make_robot_file import main as make_robot_file
 from cmifs_ros.tools.select_from_bag import main
+from studies.tasks.control import rollout_control
 
 
 @pytest.fixture
@@ -508,3 +509,116 @@ def test_states_and_rewards_are_known_by_their_stamps_in_a_long_bag_too(tmp_path
     text = capsys.readouterr().out
     assert '# /paid: a reward; not a sensor' in text
     assert '# /seen: it has the stamps of the reward /paid; not a sensor' in text
+
+
+SORTING = """
+step: {topic: /belt}
+channels:
+  hue: "/belt.position[0]"
+  noise_1: "/belt.position[1]"
+  noise_2: "/belt.position[2]"
+actions:
+  bin: {path: "/arm.position[0]", one_hot: [0, 1]}
+reward: "/scale.position[0]"
+episode: {steps: 12}
+"""
+
+
+def write_sorting_bag(path, episodes, topics=('belt', 'arm', 'scale')):
+    """Write what a robot sees, does and is paid; what the last step of an episode reaches too."""
+    types, kind = STORE.types, 'sensor_msgs/msg/JointState'
+    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        connections = {t: writer.add_connection(f'/{t}', kind, typestore=STORE) for t in topics}
+
+        def write(topic, time, values):
+            if topic in connections:
+                stamp = types['builtin_interfaces/msg/Time'](*divmod(time, 10**9))
+                header = types['std_msgs/msg/Header'](stamp, '')
+                fields = [[], np.array(values, float), np.zeros(0), np.zeros(0)]
+                data = STORE.serialize_cdr(types[kind](header, *fields), kind)
+                writer.write(connections[topic], time, data)
+
+        time = 100 * 10**9
+        for episode in episodes:
+            steps = zip(episode.states, episode.actions, episode.rewards, strict=True)
+            for state, action, reward in [*steps, (episode.states[-1], episode.actions[-1], 0.0)]:
+                write('belt', time, state[:3])
+                write('arm', time + 10**7, action)
+                write('scale', time + 2 * 10**7, [reward])
+                time += 10**8
+
+
+@pytest.fixture
+def sort(tmp_path):
+    """Select from a bag of a robot that sorts pieces; return what is selected."""
+
+    def sort_(episodes, text, *options, topics=('belt', 'arm', 'scale')):
+        write_sorting_bag(tmp_path / 'bag', episodes, topics)
+        (tmp_path / 'sorting.yaml').write_text(text)
+        own = ['--robot', str(tmp_path / 'sorting.yaml'), '--out', str(tmp_path)]
+        assert main([str(tmp_path / 'bag'), *own, *options]) == 0
+        return json.loads((tmp_path / 'selection.json').read_text())['names']
+
+    return sort_
+
+
+def test_what_a_sorting_robot_needs_shows_by_its_actions(sort, tmp_path):
+    saved = ['--episodes-file', str(tmp_path / 'episodes')]
+    sent = rollout_control('match', 60, seed=1)
+    assert sort(sent, SORTING, *saved) == ['hue']
+    found = read_episodes(tmp_path / 'episodes')
+    assert found.action_names == ('bin.0', 'bin.1')
+    for episode, expected in zip(found.episodes, sent, strict=True):
+        np.testing.assert_array_equal(episode.actions[:, [1]], expected.actions)
+        np.testing.assert_array_equal(episode.rewards, expected.rewards)
+
+
+def test_a_demonstration_without_a_reward_shows_what_the_action_depends_on(sort):
+    text = SORTING.replace('reward: "/scale.position[0]"', 'target: action')
+    skilled = rollout_control('match', 40, seed=1, is_skilled=True)
+    assert sort(skilled, text, topics=('belt', 'arm')) == ['hue']
+
+
+def test_the_option_target_goes_before_the_robot_file(sort):
+    text = SORTING + 'target: action\n'
+    assert sort(rollout_control('match', 60, seed=1), text, '--target', 'decision') == ['hue']
+
+
+def test_the_action_as_target_needs_actions(tmp_path, robot, capsys):
+    write_bag(tmp_path / 'bag', 60)
+    assert main([str(tmp_path / 'bag'), '--robot', robot, '--target', 'action']) == 1
+    said = "target is 'action', but the episodes have no actions: add `actions` to the robot file"
+    assert said in capsys.readouterr().err
+
+
+def test_files_in_the_order_of_their_outcome_are_not_taken_for_drift(tmp_path):
+    # Each episode is at a place of its own, which pays; the bags are sorted by it.
+    rng = np.random.default_rng(0)
+    places = np.sort(rng.normal(size=40))
+    episodes = [
+        (np.column_stack([np.full(5, p), rng.normal(size=5)]), p + 0.1 * rng.normal(size=5))
+        for p in places
+    ]
+    write_states_and_rewards(tmp_path / 'bag', episodes)
+    found = {}
+    for order in ('time', 'none'):
+        options = ['--out', str(tmp_path), '--order', order]
+        assert main([str(tmp_path / 'bag'), *options]) == 0
+        selection = json.loads((tmp_path / 'selection.json').read_text())
+        found[order] = selection['names']
+    assert found['none'] == ['x']
+    assert found['time'] == []
+
+
+def test_a_bag_of_states_and_rewards_brings_the_actions_beside_them(tmp_path):
+    sent = rollout_control('match', 4, seed=1)
+    episodes = [(episode.states[:, :2], episode.rewards) for episode in sent]
+    actions = [episode.actions for episode in sent[:3]]  # Then they fall silent.
+    write_states_and_rewards(tmp_path / 'bag', episodes, actions=actions)
+    bag = episodes_of_bag(tmp_path / 'bag')
+    assert bag.action_names == ('turn',)
+    assert [len(episode) for episode in bag.episodes] == [12] * 4
+    for episode, expected in zip(bag.episodes, actions, strict=False):
+        np.testing.assert_array_equal(episode.actions, expected)
+    assert bag.episodes[3].actions.shape == (12, 0)
+    assert not bag.dropped

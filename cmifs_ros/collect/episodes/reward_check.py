@@ -1,4 +1,4 @@
-"""Check, before selecting, that the returns differ between the episodes."""
+"""Check, before selecting, that episodes have what the target needs: returns or actions."""
 
 from __future__ import annotations
 
@@ -7,10 +7,31 @@ from collections.abc import Sequence
 import numpy as np
 
 from cmifs_ros.core import Episode
+from cmifs_ros.core.targets import ACTION
 from cmifs_ros.core.words import counted
 
 #: Rewards that differ by less than this share of the greatest are equal up to rounding.
 _ROUNDING = 1e-9
+
+
+def problem_of_target(episodes: Sequence[Episode], target: str) -> str:
+    """Return why nothing can be selected for one of `TARGETS`; empty if something can.
+
+    Parameters
+    ----------
+    episodes : sequence of Episode
+        At least one; all with actions or all without.
+    target : str
+
+    """
+    if target != ACTION:
+        return problem_of_rewards(episodes)
+    if episodes[0].actions.size:
+        return ''
+    return (
+        "target is 'action', but the episodes have no actions: add `actions` to the robot file, or "
+        'publish each on `action` with the stamp of its state'
+    )
 
 
 def problem_of_rewards(episodes: Sequence[Episode]) -> str:

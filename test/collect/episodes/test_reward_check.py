@@ -1,6 +1,6 @@
 import pytest
 
-from cmifs_ros.collect.episodes.reward_check import problem_of_rewards
+from cmifs_ros.collect.episodes.reward_check import problem_of_rewards, problem_of_target
 from cmifs_ros.core import Episode
 
 
@@ -34,3 +34,12 @@ def test_rewards_by_which_no_return_differs_are_told_with_a_remedy(rewards, said
 )
 def test_where_a_return_differs_there_is_no_problem(rewards):
     assert problem_of_rewards(episodes(*rewards)) == ''
+
+
+def test_the_action_as_target_needs_actions_and_no_reward():
+    constant = [[1.0, 1.0], [1.0, 1.0]]
+    assert problem_of_target(episodes(*constant), 'decision').startswith('every reward is 1')
+    problem = problem_of_target(episodes(*constant), 'action')
+    assert problem.startswith("target is 'action', but the episodes have no actions: add `actions`")
+    acting = [Episode(e.states, e.rewards, e.rewards) for e in episodes(*constant)]
+    assert problem_of_target(acting, 'action') == ''

@@ -195,3 +195,44 @@ def test_a_robot_file_in_the_users_own_folder(tmp_path, monkeypatch):
     monkeypatch.setenv('HOME', str(tmp_path))
     (tmp_path / 'robot.yaml').write_text(WHOLE)
     assert load_robot_file('~/robot.yaml').rate is None
+
+
+def test_actions_and_target_are_read():
+    text = WHOLE + (
+        'actions:\n  turn: /cmd_vel.angular.z\n'
+        '  gripper: {path: /grip.data, one_hot: [open, closed], max_age: .inf}\ntarget: decision\n'
+    )
+    robot = parse_robot_file(text)
+    assert robot.action_names == ('turn', 'gripper.open', 'gripper.closed')
+    assert 'turn' not in robot.channel_names
+    assert {'/cmd_vel', '/grip'} <= set(robot.topics_for([]))
+    assert robot.target == 'decision'
+    assert parse_robot_file(WHOLE).target is None
+    assert parse_robot_file(WHOLE).action_names == ()
+
+
+def test_a_file_needs_no_reward_where_the_action_is_the_target():
+    without = re.sub('reward: .*\n', '', WHOLE)
+    with pytest.raises(RobotFileError, match="the file has no 'reward'"):
+        parse_robot_file(without)
+    robot = parse_robot_file(without + 'target: action\nactions: {turn: /cmd_vel.angular.z}\n')
+    assert (robot.reward, robot.target) == (None, 'action')
+    with pytest.raises(RobotFileError, match="the file has no 'actions'; add what the robot does"):
+        parse_robot_file(without + 'target: action\n')
+
+
+@pytest.mark.parametrize(
+    ('more', 'message'),
+    [
+        ('target: returns', "target is 'returns'; expected return, decision, action"),
+        ('target: [return]', 'target is a list; expected return'),
+        ('actions: {x: /cmd_vel.angular.z}', "actions has 'x', which stands above already"),
+        ('actions: {step: /cmd_vel.angular.z}', "actions has 'step', which has a meaning"),
+        ('actions: {turn: /cmd_vel}', 'turn is a topic without a field'),
+        ('actions: {}', 'no actions; expected at least one'),
+        ('actions: [turn]', 'actions is a list; expected a mapping'),
+    ],
+)
+def test_mistakes_in_actions_and_target_are_told(more, message):
+    with pytest.raises(RobotFileError, match=re.escape(message)):
+        parse_robot_file(f'{WHOLE}{more}\n')
