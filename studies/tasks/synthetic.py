@@ -11,7 +11,7 @@ copy, noisy_copy
 dead_channel
     Beside the two relevant sensors there is one that never changes.
 two_switches
-    A step pays if one of two switches is on, but not both: each by itself tells nothing.
+    The reward is 1 if one of two switches is on, but not both: each by itself is uninformative.
 wild_readings, one_wild_reading
     The only relevant sensor, a range, reads 65535 in 2 % of the steps, or once of all.
 one_of_twelve, twelve_of_noise

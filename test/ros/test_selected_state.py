@@ -138,6 +138,7 @@ def test_a_selection_made_before_the_sampler_was_started_counts(start, robot, ro
     start('sampler_node', robot_file=robot_file)
     Topics(robot, b=2.0, step=0.0)
     until_newest(robot, ['b'], [2], 7)
+    assert all(msg.header.frame_id in ('', '7') for msg in robot.selected)
 
 
 @pytest.mark.parametrize('first', ['sampler_node', 'selector_node'])

@@ -66,7 +66,7 @@ class Trace:
 
     @property
     def is_reward(self) -> bool:
-        """Whether it says what is paid, as `reward` does."""
+        """Whether it has the fields of a reward message, as `reward` does."""
         if self.is_state and 'reward' in self.names:
             return self.last == 'reward' or self.names <= _REWARD_FIELDS
         return self.last == 'reward'

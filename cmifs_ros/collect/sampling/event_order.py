@@ -170,7 +170,7 @@ class EventOrder:
         if suspects is None or not -STEP_BACK <= stamp - suspects.stamp <= JUMP:
             suspects = self._suspects[topic] = _Suspects(message, is_far, self._newest)
         suspects.messages.append(_Suspect(message, lateness, counted))
-        # When a message was received tells nothing of a clock by which others are stamped.
+        # A receive time says nothing about the clock by which other topics are stamped.
         is_led = not is_stamped and self._newest.keys() - self._unstamped
         if not is_led and self._is_clock_set(suspects):
             return self._change_clock(stamp)

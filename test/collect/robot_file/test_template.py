@@ -1,4 +1,4 @@
-"""The first robot file: what tells nothing is commented out with why, and can be uncommented."""
+"""The first robot file: uninformative fields are commented out with why, and can be uncommented."""
 
 import re
 from math import inf, nan

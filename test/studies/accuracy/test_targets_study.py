@@ -52,7 +52,7 @@ def test_the_tables_hold_what_each_trial_found(tmp_path, capsys):
 
 
 def test_recursive_trees_follow_what_predicts_what_is_needed():
-    # The reward is that of s1, which s2 foretells.
+    # The reward depends on s1, which s2 predicts.
     assert set(recursive_selection(rollout_control('toy', 60, 1), seed=0)) == {0, 2}
     # It matters only with the action.
     assert recursive_selection(rollout_control('match', 60, 1), seed=0) == [0]
