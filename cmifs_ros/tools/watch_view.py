@@ -24,6 +24,8 @@ _STATUS_STYLES = {CONFIRMED: 'green', UNDECIDED: 'yellow', DISPENSABLE: 'dim'}
 #: Seconds without diagnostics, which come once a second, after which the selector seems gone.
 GONE_AFTER = 5.0
 _NAME_WIDTH = 24
+#: Characters that a line of text holds at least, of 80 columns.
+_LEAST_WIDTH = 60
 #: What the sampler says of its steps, beside what it says of each topic.
 _STEPS = 'steps'
 _MAX_BAD_TOPICS, _MAX_TOPICS = 4, 12
@@ -102,7 +104,9 @@ def view(snapshot: Snapshot, max_sensors: int = 40) -> Group:
             facts.add_row('', line)
     parts.append(facts)
     if snapshot.selection is not None:
-        parts += [Text(), *_ranking(snapshot.selection, max(1, max_sensors - len(sampler)))]
+        said = [*warnings, *_facts(snapshot.selection)]
+        num_lines = len(sampler) + sum(-(-len(text) // _LEAST_WIDTH) for text in said)
+        parts += [Text(), *_ranking(snapshot.selection, max(1, max_sensors - num_lines))]
     return Group(*parts)
 
 

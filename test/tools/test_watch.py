@@ -94,7 +94,7 @@ def test_the_live_view_shows_a_selection_as_it_comes_and_ends_on_ctrl_c(robot, w
     terminal.expect('/robot1/selector')
     terminal.expect('episodes')
     terminal.expect(r'ago \(timer\), from \d+')
-    terminal.expect('score')
+    terminal.expect('95 % interval')
     terminal.expect('2  ')
     terminal.sendintr()
     terminal.expect(pexpect.EOF)
@@ -104,7 +104,7 @@ def test_the_live_view_shows_a_selection_as_it_comes_and_ends_on_ctrl_c(robot, w
     # The alternate screen is left, and the last view stays on the ordinary one.
     last = plain(terminal.before.rpartition('\x1b[?1049l')[2])
     assert '/robot1/selector' in last
-    assert re.search(r'^1 +\S+ .*\n2 +\S+ ', last, re.M)
+    assert re.search(r'^ +1 +\S+ .*\n +2 +\S+ ', last, re.M)
     assert max(map(len, last.splitlines())) <= COLUMNS
     assert len(last.rstrip().splitlines()) <= LINES
 

@@ -143,6 +143,14 @@ def test_a_long_ranking_is_cut_and_says_so():
     assert 'and 25 more' in text_of(many, max_sensors=5)
 
 
+def test_what_is_said_beside_the_ranking_takes_lines_of_it():
+    many = [sensor(f's{i}', pvalue=0.5) for i in range(30)]
+    least = len(text_of(snapshot(*many), max_sensors=10).splitlines())
+    said = {'predicted_share': 0.5, 'predicted_share_of_all': 0.25, 'warnings': ('bad ' * 50,)}
+    found = selection(*many, **said)
+    assert len(text_of(snapshot(selection=found), max_sensors=10).splitlines()) <= least
+
+
 def test_sensors_that_never_changed_have_no_score():
     text = text_of(snapshot(X, Y, replace(BATTERY, is_constant=True)))
     assert 'battery' not in text
