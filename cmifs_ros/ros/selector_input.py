@@ -140,7 +140,7 @@ class SelectorInput:
             )
             for name, subscription in self._subscriptions.items()
         }
-        self._take(self.assembler.actions.look)
+        self._take(self.assembler.actions.look, now)
         for line in self._watch.look(now, topics):
             self._node.get_logger().warning(line)
         values = {

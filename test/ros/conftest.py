@@ -173,9 +173,15 @@ class Robot:
         )
 
     def act(self):
-        """Begin to publish actions: a selector waits for those that are announced."""
+        """Begin to publish actions, and wait until the selector receives them."""
         self.action_publisher = self.node.create_publisher(JointState, 'action', STREAM)
-        self.until(lambda: self.action_publisher.get_subscription_count() > 0)
+
+        def is_heard():
+            self.action_publisher.publish(JointState())  # Of no use, which is told.
+            _, _, values = self.diagnostics.get('selector: input', (b'', '', {}))
+            return 'messages dropped: malformed_action' in values
+
+        self.until(is_heard)
 
     def publish_state(self, stamp, names, values):
         header = Header(stamp=conversions.stamp_from_nanoseconds(stamp), frame_id='base')

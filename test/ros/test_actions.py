@@ -18,9 +18,8 @@ ROBOT = """
 step: {topic: /belt}
 actions:
   bin: {path: "/arm.position[0]", one_hot: [0, 1]}
-reward: "/scale.position[0]"
 episode: {steps: 12}
-target: decision
+target: action
 channels:
 """
 ROBOT += '\n'.join(f'  {name}: "/belt.position[{i}]"' for i, name in enumerate(NAMES))
@@ -83,15 +82,16 @@ def test_where_most_episodes_lack_actions_none_is_used_and_that_is_told(start, r
     assert 'an episode has an action at some of its steps only' in node.output
 
 
-def test_the_same_from_the_robots_own_topics(start, robot, tmp_path):
+def test_what_a_skilled_robot_looks_at_shows_in_its_own_topics_without_a_reward(
+    start, robot, tmp_path
+):
     path = tmp_path / 'robot.yaml'
     path.write_text(ROBOT)
     start('selector_node', selection_period=0.0)
     start('sampler_node', robot_file=path)
     robot.wait_for_selector()
     publishers = {
-        name: robot.node.create_publisher(JointState, f'/{name}', 1000)
-        for name in ('belt', 'arm', 'scale')
+        name: robot.node.create_publisher(JointState, f'/{name}', 1000) for name in ('belt', 'arm')
     }
     steps = []
     robot.node.create_subscription(JointState, 'action', steps.append, 10_000)
@@ -103,13 +103,10 @@ def test_the_same_from_the_robots_own_topics(start, robot, tmp_path):
         publishers[topic].publish(message)
 
     time, sent, expected = STEP, 0, []
-    for episode in rollout_control('match', 60, seed=2):
-        for state, action, reward in zip(
-            episode.states, episode.actions, episode.rewards, strict=True
-        ):
+    for episode in rollout_control('match', 60, seed=2, is_skilled=True):
+        for state, action in zip(episode.states, episode.actions, strict=True):
             send('belt', time, state)
             send('arm', time + STEP // 4, action)  # Once the piece has been seen.
-            send('scale', time + STEP // 2, [reward])
             time += STEP
         send('belt', time, state)  # What the last step reaches.
         time += STEP
@@ -122,4 +119,4 @@ def test_the_same_from_the_robots_own_topics(start, robot, tmp_path):
     robot.wait_for_episodes(60)
     reply = json.loads(robot.call(robot.select_client).message)
     assert reply['names'] == ['hue']
-    assert reply['sensors'][0]['why'] == 'reward'  # Not return: the robot file's target counts.
+    assert reply['sensors'][0]['why'] in {'bin.0', 'bin.1'}

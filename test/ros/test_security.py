@@ -38,8 +38,13 @@ def allowed(node):
 
 @pytest.mark.parametrize('node', ['selector', 'simulator'])
 def test_the_policy_allows_exactly_what_a_running_node_uses(start, robot, node):
-    # With simulated time, a node subscribes to the clock too.
-    start(f'{node}_node', '-r', f'__ns:={NAMESPACE}', use_sim_time=True)
+    # With simulated time, a node subscribes to the clock too, and with an environment, the
+    # simulator publishes actions.
+    options = {}
+    if node == 'simulator':
+        pytest.importorskip('gymnasium', reason='gymnasium is not here')
+        options = {'env': 'CartPole-v1'}
+    start(f'{node}_node', '-r', f'__ns:={NAMESPACE}', use_sim_time=True, **options)
 
     def used():
         found = {}

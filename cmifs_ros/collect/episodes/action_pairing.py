@@ -7,7 +7,7 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from functools import partial
 from itertools import takewhile
-from math import isfinite
+from math import inf, isfinite
 from typing import NamedTuple
 
 from cmifs_ros.core import Episode
@@ -18,6 +18,8 @@ from .builder import EpisodeBuilder, RewardSample
 
 #: Steps that wait for their actions, or actions for their steps; as many as subscriptions queue.
 _MAX_WAITING = 1000
+#: Seconds for which a step waits in vain: the middleware sends again what it lost after 3 s.
+_PATIENCE = 5.0
 
 
 class _Waiting(NamedTuple):
@@ -65,7 +67,8 @@ class ActionPairing:
         self._expects = self._has_given_up = False
         self._actions: dict[int, array] = {}
         self._num_actions, self._newest = 0, -1  # How many there were, and the stamp of the last.
-        self._seen: tuple | None = None  # At the last look.
+        self._seen: tuple | None = None  # At the last look, the same since then:
+        self._seen_at = inf
         self._waiting: deque[_Waiting] = deque()
 
     @property
@@ -78,12 +81,12 @@ class ActionPairing:
         self._expects, self._has_given_up = False, True  # Until there is one.
         return self._release()
 
-    def look(self) -> list[Episode]:
-        """Stop waiting if nothing has moved since the last look, about a second ago."""
-        before = self._seen
-        self._seen = (self._waiting[0].stamp, self._num_actions) if self._waiting else None
-        is_stuck = self._seen is not None and self._seen == before
-        return self.stop_waiting() if is_stuck else []
+    def look(self, now: float) -> list[Episode]:
+        """Stop waiting if nothing has moved for some seconds; to be called about once a second."""
+        seen = (self._waiting[0].stamp, self._num_actions) if self._waiting else None
+        if seen is None or seen != self._seen:
+            self._seen, self._seen_at = seen, now
+        return self.stop_waiting() if now - self._seen_at > _PATIENCE else []
 
     def set_back(self, last: int) -> list[Episode]:
         """Begin anew, as time was set back from this stamp; return what episodes are complete."""

@@ -91,9 +91,10 @@ def test_actions_that_are_announced_and_never_come_are_not_waited_for_for_ever()
         feed.reward(t)
     assert not feed.episodes
     assert feed.assembler.num_pending == 8
-    feed.episodes += feed.assembler.actions.look()
-    assert not feed.episodes
-    feed.episodes += feed.assembler.actions.look()  # Nothing has moved since the last look.
+    for now in range(6):
+        feed.episodes += feed.assembler.actions.look(100.0 + now)
+        assert not feed.episodes
+    feed.episodes += feed.assembler.actions.look(106.0)  # Nothing has moved for some seconds.
     assert [len(e) for e in feed.episodes] == list(LENGTHS)
     for t in range(9, 19):
         feed.state(t)
