@@ -100,7 +100,8 @@ def _is_autocorrelated(means: np.ndarray) -> bool:
 
 def _problems_of_rewards(episodes) -> list[str]:
     rewards = np.concatenate([episode.rewards for episode in episodes])
-    squares = (rewards - np.median(rewards)) ** 2
+    distances = np.abs(rewards / 2 - np.median(rewards / 2))  # halved: no overflow
+    squares = (distances / max(distances.max(), np.finfo(float).tiny)) ** 2
     greatest = int(squares.argmax())
     if squares[greatest] <= _MUCH_OF_ONE * squares.sum() or (squares > 0).sum() < 2:
         return []
