@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """What proves the package, run from a checkout: `python -m studies.paper.reproduce`."""
 
 import sys

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """Small bags, written by rosbags, of a robot that is known to the last number."""
 
 import numpy as np

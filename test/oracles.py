@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """Slow, literal evaluations to hold the fast code against."""
 
 import numpy as np

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """What runs on this machine."""
 
 from pathlib import Path

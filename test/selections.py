@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """Selections that tests need, without computing one."""
 
 from dataclasses import replace

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """Episodes from which a selection takes seconds, on a fast machine too."""
 
 import numpy as np

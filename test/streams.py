@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """Random streams of a robot's topics, and the orders in which they arrive somewhere."""
 
 from collections import Counter

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """The selections that the package is for, at the paper's size: 100 episodes of 20 steps."""
 
 import joblib

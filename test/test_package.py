@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """What the package promises about itself agrees with what it is."""
 
 import configparser

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """What follows from a selection: which topics or sensors to keep, and which can go."""
 
 from __future__ import annotations

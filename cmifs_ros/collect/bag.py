@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """Episodes of a recorded bag."""
 
 from __future__ import annotations

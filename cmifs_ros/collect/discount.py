@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """How far ahead the return looks: a discount factor for each step, or a half-life in seconds."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """Episodes of several bags together: in the order of time, and what was recorded twice once."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """A selection as JSON: on its topic, in the service's reply, in files.
 
 What a file or a message says may be anything, so nothing of it is believed.

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """A selection in words."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """Which channels are one sensor, by their names alone, so that nobody has to type it again."""
 
 from __future__ import annotations

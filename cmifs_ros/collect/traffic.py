@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """What topics carry: what is saved where one is switched off."""
 
 from __future__ import annotations

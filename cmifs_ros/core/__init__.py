@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """The mathematics: which sensors the return depends on. Imports NumPy, SciPy and Numba only."""
 
 from .conditional_mi import ConditionalMI

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """Restrict BLAS to one thread, because the matrices here are small.
 
 On busy cores, several BLAS threads mostly wait for each other, and a selection takes up to ten

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """How large a quadratic statistic becomes by chance, and several p-values in one."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """Detect concept drift: how many of the oldest episodes no longer fit the newest."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """Which names a channel may have."""
 
 from __future__ import annotations

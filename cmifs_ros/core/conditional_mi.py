@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """Conditional mutual information between return and channels, given the time step."""
 
 from __future__ import annotations

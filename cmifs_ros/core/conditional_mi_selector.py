@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """The selector of the project: of the sensors that have evidence, the one with the best score."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """What data cannot show, in sentences with a remedy."""
 
 from __future__ import annotations

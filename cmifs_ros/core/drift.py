@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """Slow drift over the episodes: a policy learns, a floor gets wet, a motor warms up.
 
 Where a task drifts, its returns resemble each other from episode to episode, and so do the readings

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """How much a sensor adds: the share of the target's variance that it predicts beside others."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """One episode: the states of the robot and the rewards it received."""
 
 from __future__ import annotations

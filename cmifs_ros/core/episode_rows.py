@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """The rows of samples that a test looks at, and how the episodes they belong to may be compared."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """Sums over episodes, compiled. Import it where it is used: Numba takes long to import."""
 
 from __future__ import annotations

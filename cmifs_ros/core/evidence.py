@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 r"""Tests whether the target depends on a sensor given the sensors selected.
 
 A kernel test of conditional independence (Zhang, Peters, Janzing & Schoelkopf, Kernel-based

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """The held-out objective of LSMI over a grid of widths and regularisations, compiled.
 
 J of Equation (7) of Hachiya & Sugiyama (2010), for one time step and many channel subsets.

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """Kernel dimension reduction (KDR) as a criterion: the paper's baseline, one step ahead.
 
 Section 4.1 of Hachiya & Sugiyama (2010), after Fukumizu, Bach & Jordan, Kernel dimension

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """The paper's baseline: selection by kernel dimension reduction (KDR)."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """Least squares in the leading directions of a Gaussian kernel's features.
 
 Gaussians around some of the points, and the points themselves, are reduced to their first

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """The level of a selection that is made again and again while episodes come in.
 
 Each look at the data may find something by chance. So a task's whole life has one level, and each

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """Least-squares mutual information (LSMI) between returns and features.
 
 Section 3.2 of Hachiya & Sugiyama (2010): Gaussians centred on the samples model the density ratio

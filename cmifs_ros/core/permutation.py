@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """A permutation test of whether the return depends on any sensor at all."""
 
 from __future__ import annotations

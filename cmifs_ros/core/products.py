@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """Products of what is left of the target and of functions of a sensor, and their p-values."""
 
 from __future__ import annotations

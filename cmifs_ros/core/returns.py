@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """The discounted return: the rewards of a step and of the later steps of its episode."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """From episodes to the samples of each time step."""
 
 from __future__ import annotations

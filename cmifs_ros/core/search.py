@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """Greedy search over subsets of sensors."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """One selection as a job: settings and episodes in, a plain result out."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """The base class of the selectors: scikit-learn-style API, validation, groups of channels."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """Shadows: artificial uninformative sensors, whose scores give the null band.
 
 The idea is from Boruta (Kursa & Rudnicki, Feature selection with the Boruta package, 2010).

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """What a selection says of a sensor; declared here and nowhere else."""
 
 #: `confirmed`: there is evidence that the sensor is informative beside the others selected.

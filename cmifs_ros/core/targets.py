@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """What sensors are asked about: the return, the action, or all that a controller needs.
 
 `return`

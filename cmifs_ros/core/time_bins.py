@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """How many time bins: neighbouring steps are pooled where that raises the score."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """What each sensor adds, and whether it is confirmed, dispensable or undecided."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """Counts and lists of names for messages."""
 
 from __future__ import annotations

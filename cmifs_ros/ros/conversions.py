@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """Messages to plain values and back. No state, no node."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """Services whose reply takes its time, and which many clients call at once."""
 
 from __future__ import annotations

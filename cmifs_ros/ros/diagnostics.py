@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """What the selector says of itself on /diagnostics, after REP 107."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """A subscription that receives from every publisher of its topic, whatever QoS these offer."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """What the running graph publishes: the types of its topics, what they say, and how often."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """Parameters of the nodes: declared from one table, refused with a reason."""
 
 from __future__ import annotations

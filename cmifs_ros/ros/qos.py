@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """The quality of service of the nodes' own topics."""
 
 from rclpy.qos import DurabilityPolicy, QoSProfile

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """The life of a node's process: start, spin, end cleanly."""
 
 from __future__ import annotations

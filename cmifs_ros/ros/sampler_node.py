@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """The sampler node: a robot's topics become `state`, `action` and `reward`, by its robot file."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """What the sampler says of each topic, and of what its steps lack, on /diagnostics."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """`selected_state` of a sampler: the selected channels for controllers, at once."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """The selection in use, and what has become of the data since it was made."""
 
 from __future__ import annotations

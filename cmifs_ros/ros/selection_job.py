@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """What the worker process does: a selection."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """Requests for selections, answered by as few computations as possible."""
 
 from __future__ import annotations

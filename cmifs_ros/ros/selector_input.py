@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """What comes into the selector: states, rewards and actions, from whatever publishes them."""
 
 from __future__ import annotations

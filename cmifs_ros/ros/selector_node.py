@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """The selector node: collects episodes, selects sensors, republishes only those."""
 
 from __future__ import annotations

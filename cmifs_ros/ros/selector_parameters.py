@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """The parameters of the selector node, and what they mean where they are text."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """What the selector says of its selection on /diagnostics."""
 
 from __future__ import annotations

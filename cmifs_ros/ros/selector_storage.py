@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """What the selector keeps over a restart: its episodes and its selection, in a file."""
 
 from __future__ import annotations

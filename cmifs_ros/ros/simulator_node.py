@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """The simulator node: a simulated robot that publishes its state and reward.
 
 The robot lives in the grid world or in any Gymnasium environment.

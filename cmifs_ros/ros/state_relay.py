@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """`selected_state` from the states as they come, unless the sampler publishes it."""
 
 from __future__ import annotations

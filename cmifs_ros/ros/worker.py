@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """The process that computes, so that the node's own process never does."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """Simulated worlds, without ROS: the paper's grid world and chain, and Gymnasium environments."""
 
 from .chain import rollout_chain

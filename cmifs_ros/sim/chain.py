@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """The chain of Figures 1 and 2 of Hachiya & Sugiyama (2010): s3 -> s2 -> s1 -> reward.
 
 Each arrow between channels takes one step. So s3 determines the reward two steps later, and affects

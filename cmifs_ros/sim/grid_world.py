@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """The grid-world robot of Hachiya & Sugiyama (2010), Section 4.1.
 
 The world is a 10 x 10 grid with a wall in column 5 that has a gap at rows 5 and 6. The robot is

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """Episodes of any environment with Gymnasium's interface, and a wrapper that selects channels.
 
 Only the wrapper needs Gymnasium itself: python3 -m pip install gymnasium.

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """A Gymnasium environment as a simulated robot: named channels and a random policy.
 
 Gymnasium is optional: python3 -m pip install gymnasium.

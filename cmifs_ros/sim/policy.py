@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """The stochastic policy of Hachiya & Sugiyama (2010), Section 4.1."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """Roll out the paper's policy in the grid world."""
 
 from __future__ import annotations

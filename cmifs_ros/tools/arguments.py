@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """Checked values of command lines: functions for the `type` of argparse."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """Where joblib's calls run: on this machine, or on a Dask cluster.
 
 distributed is optional: `python3 -m pip install distributed`.

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """The whole thing at work: simulator, selector and a downstream node as processes of their own.
 
 Collects episodes, calls `select_features` as any client would, and shows the ranking with its

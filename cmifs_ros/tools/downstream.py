@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """A downstream node: prints the selected state, whatever is selected at the time."""
 
 import rclpy

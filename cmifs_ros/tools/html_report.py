@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """A selection as one HTML page that needs no network: pictures inside, no scripts."""
 
 from __future__ import annotations

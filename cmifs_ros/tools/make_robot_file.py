@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """Write a first robot file, from the running robot or a bag.
 
 `ros2 run cmifs_ros make_robot_file --out my_robot.yaml`

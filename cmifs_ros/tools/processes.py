@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """Child processes of a command: started, watched, and ended with it."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """How the commands begin and end: errors and interruption are one sentence each, or silence."""
 
 from __future__ import annotations

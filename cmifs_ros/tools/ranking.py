@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """A ranking as its readers see it: a table of text, and pictures."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """Select from recorded bags: `ros2 run cmifs_ros select_from_bag BAG... --robot FILE`."""
 
 from __future__ import annotations

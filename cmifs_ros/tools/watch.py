@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """A live view of a selector in the terminal: its input, its selection, and on what evidence."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """What `watch` shows: from the plain values of diagnostics and the selection to lines of text."""
 
 from __future__ import annotations

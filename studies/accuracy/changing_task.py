@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """How soon the selection is right again after the task has changed.
 
 A hundred episodes of one task are followed by those of another. Every so often a selection is made

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """What each constant of the test is worth: power and level with others in its place.
 
 Power is the mean of -log10 p of the sensors that matter, each tested given the others that do;

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """What the evidence promises and keeps: how often the right sensors are confirmed, and no others.
 
 Each row asks one question of one task. `shuffled` stands for the same task with the states of

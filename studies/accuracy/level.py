@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """The level of the test, part by part, in worlds where it easily fails.
 
 In each world irrelevant sensors of four kinds are tested given what is relevant, by each part of

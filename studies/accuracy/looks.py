@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """A selector that looks again and again: how often something irrelevant is ever confirmed.
 
 Ten channels, rewards and everything else are independent. As the selector node does, each look

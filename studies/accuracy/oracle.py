@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """How well one could do at best with this criterion: an oracle knows all relevant channels but one.
 
 Given the others, it ranks the one that it does not know among the irrelevant channels. The rank

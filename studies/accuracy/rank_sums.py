@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """How few episodes are enough: rank sums of the relevant channels on many tasks, by method.
 
 With --number: how often the automatic number selects exactly the relevant channels.

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """What each target is given: how often exactly the sensors that it needs, beside peers.
 
 `return` and `decision` are asked of recordings in which the actions are random, `action` of those

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """Whether learning gets easier: fitted Q iteration on all channels, and on those selected.
 
 The policy learned from the same episodes on all channels, on ours, on KDR's and on the relevant

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """Fitted Q iteration (Ernst, Geurts and Wehenkel, 2005) with scikit-learn's regressors."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """Tasks in which one can act: the worlds of `studies.tasks`, a step at a time."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """The closed loop: simulator, selector and learner as processes; return per episode, in a plot.
 
 The same learner learns with the selector in the loop, and without it on all channels.

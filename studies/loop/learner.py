@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """A learner beside the selector, in one file: Q-learning on a table, on whatever is selected.
 
 It subscribes to `selected_state` and `reward`, which belong together by their stamps, and publishes

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """The authors' program, ported plainly: the reference for exactness and for speed.
 
 For each subset of channels, step and width it computes the kernels anew, for each fold their

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """Peers that fit trees to all samples at once: extra trees with permutation importance, Boruta.
 
 The return of a step is learned from its channels and actions, whatever the step. Both packages are

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """A peer for what is linear: least squares with standard errors by episode."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """Peers that look at one channel at a time: ennemi and scikit-learn, step by step.
 
 Each estimates the mutual information of the return and a channel from nearest neighbours, here

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """What the paper leaves open, read in another way than ours: methods to compare with.
 
 docs/reproduction.md says what each of them changes.

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """A peer for decisions: recursive feature selection with extra trees.
 
 Castelletti, Galelli, Restelli & Soncini-Sessa, Tree-based feature selection for dimensionality

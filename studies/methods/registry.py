@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """The methods that are compared, by name, each with one way to call it."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """Nodes in processes of their own, and what they use of the machine."""
 
 from __future__ import annotations

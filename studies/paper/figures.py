@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """Figures 6 and 7 of Hachiya & Sugiyama (2010), and the numbers in them as a table."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """Figures 6 and 7 of Hachiya & Sugiyama (2010), recomputed.
 
 Trials run side by side, on this machine or on a Dask cluster. An interrupted run continues

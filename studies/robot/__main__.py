@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """A robot of ordinary topics and its robot file: the live selection, and that from its bag.
 
 The robot, the sampler and the selector are processes of their own; the run is recorded at the same

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """A robot that drives from goal to goal in the lidar world, and what its sensors publish.
 
 Its time is counted in ticks of 10 ms.

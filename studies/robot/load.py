@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """What the sampler costs under load, beside nodes that only subscribe; and what it loses.
 
 And the age of its `selected_state`, at each odometry, beside that of a bare relay in the same run.

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """The publisher of the load, `load_nodes publish SECONDS`, and nodes that receive it.
 
 `listen` and `listen_raw` only count. `relay` publishes the odometry again, as a controller would

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """Record topics to MCAP as they come, by rosbags' writer."""
 
 from __future__ import annotations

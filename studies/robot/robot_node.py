@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """The robot's process: publish its sensors until so many goals have ended, then rest and end.
 
 As a simulator does, it lives through a step at once and then waits for the next one: just after

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """Inject faults and load into a running selector; print what was lost, as a Markdown table."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """The least that a node can do with a state, to measure the selector against."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """Faults injected into the selector, one a method."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """Loads on the selector, and what bare nodes make of the same."""
 
 from __future__ import annotations

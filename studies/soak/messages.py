@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """Messages of arbitrary content, and the names in those that are as they should be."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """What the loads and the faults have in common."""
 
 from pathlib import Path

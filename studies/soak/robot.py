@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """A robot that publishes numbered transitions and keeps what comes back."""
 
 from __future__ import annotations

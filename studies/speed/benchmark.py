@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """How long a ranking takes and how good it is: direct port, ours, KDR and the peers.
 
 All methods get the same data of the grid world and take turns, so that what else the machine

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """How time and memory of our engine grow with episodes, steps and channels.
 
 Each size is measured several times, each time in a process of its own, on the grid world; the

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """One measurement in a process of its own: seconds and peak memory of one ranking.
 
 A fresh process has the threads of its linear algebra set before NumPy is loaded, and its peak

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """Worlds in which sensors matter by what the robot does: what a controller needs to see.
 
 match

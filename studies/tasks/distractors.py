@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """Channels that have nothing to do with the task, appended to those that may."""
 
 from __future__ import annotations

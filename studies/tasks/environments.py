@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """Tasks that others designed: Gymnasium environments, and what their returns depend on.
 
 What is relevant follows from the equations of motion and the reward in Gymnasium's source: the

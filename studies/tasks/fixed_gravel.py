@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """Another reading of the paper's world: gravel that is laid once."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """Worlds in which a test easily takes an irrelevant sensor for a relevant one.
 
 cosine_of_pendulum, angle_of_pole

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """A robot with a lidar, simulated by ir-sim: it drives noisily to a goal among obstacles.
 
 The goal, always at the same place, pays 1 and a collision costs 1; both end the episode. Start

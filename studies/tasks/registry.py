@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """The tasks on which methods are compared, by name."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """Synthetic worlds that ask how rewards are written, and how much a sensor adds.
 
 readme_reward_0.1, readme_reward_1, readme_reward_10

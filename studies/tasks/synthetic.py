@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """Small worlds made for one question each, in which the truth is known by construction.
 
 point_robot

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """The options that studies share, each written once."""
 
 from __future__ import annotations

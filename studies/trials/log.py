@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """The finished trials of a study as a CSV file that survives interruption."""
 
 from __future__ import annotations

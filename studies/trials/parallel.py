@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """Runs many trials side by side, on this machine or on a Dask cluster."""
 
 from __future__ import annotations

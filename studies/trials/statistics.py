@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """What a table says of several trials."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """Trials: a method ranks the channels of a task, and how well it did.
 
 A module of its own, so that processes and machines that run trials can import it.

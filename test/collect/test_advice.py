@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """What follows from a selection: what to keep, what can go, what is undecided."""
 
 import math

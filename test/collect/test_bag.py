@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """Bags as robots record them: resets of a simulation, slow pipelines, sensors that fail."""
 
 import numpy as np

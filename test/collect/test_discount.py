@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """Discounts: a half-life is the time after which half of a reward counts."""
 
 from math import nan

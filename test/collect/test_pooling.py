@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """Several bags: a step counts once, whatever recorded it, and what is doubtful is told."""
 
 from dataclasses import replace

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """A selection as JSON, and what comes of JSON that is none."""
 
 import json

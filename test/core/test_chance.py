@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """What chance does to a quadratic statistic, against drawing it."""
 
 import itertools

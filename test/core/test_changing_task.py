@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """Episodes from before a change are told from those after it."""
 
 import numpy as np

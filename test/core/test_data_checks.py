@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """What data cannot show is said, and sound data are not complained of."""
 
 import warnings

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """Effect sizes against shares that are known in closed form."""
 
 import numpy as np

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """The conditional test: what it finds, what it lets pass, and that it keeps its level."""
 
 import numpy as np

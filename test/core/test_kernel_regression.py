@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """Kernel principal component regression against its textbook formulas."""
 
 import numpy as np

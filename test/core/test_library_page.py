@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """What docs/library.md promises of the API."""
 
 import copy

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """The level of many looks: what they spend together."""
 
 import numpy as np

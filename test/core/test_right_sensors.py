@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """Small worlds in which the truth is known: the selector finds it, by default and by itself."""
 
 import numpy as np

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """The null band, from scores whose law is known."""
 
 import numpy as np

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """The search by evidence, with p-values and scores that are given."""
 
 import numpy as np

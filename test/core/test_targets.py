@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """What is selected for each target: the action given, what a decision needs, what is looked at."""
 
 import warnings

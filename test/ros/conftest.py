@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """Real nodes in real processes, each test in a ROS domain of its own."""
 
 import itertools

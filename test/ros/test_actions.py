@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """A robot that sorts pieces by their hue: what it needs shows with its actions alone."""
 
 import json

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """A subscription that follows, against real publishers of every QoS."""
 
 import itertools

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """make_robot_file: from the running robot it writes what it writes from that robot's bag."""
 
 import os

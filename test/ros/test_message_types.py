@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """Messages of many types: live and from a bag they give the same numbers, and the right ones."""
 
 from math import cos, inf, pi, sin

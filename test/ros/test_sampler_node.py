@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """Any robot: messages of its own types become episodes of the selector, by the robot file alone."""
 
 import itertools

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """The SROS2 policy names what the nodes use: all of it, and nothing else."""
 
 from pathlib import Path

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """`selected_state` of a sampler: at once, from the selected channels alone."""
 
 import json

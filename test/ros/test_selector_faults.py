@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """Faults, each injected for real into a running selector."""
 
 import json

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """What a selector that was killed leaves to the next one."""
 
 import json

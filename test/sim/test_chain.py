@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 import numpy as np
 
 from cmifs_ros.core import ConditionalMISelector, KDRSelector

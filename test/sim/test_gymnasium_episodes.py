@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 from types import SimpleNamespace
 
 import numpy as np

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """A study ends with a sentence or in silence, whenever it is told to."""
 
 import os

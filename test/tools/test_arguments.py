@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """Paths on command lines: a mistake is told before the work, with what was expected."""
 
 import pytest

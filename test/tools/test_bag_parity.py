@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """A bag gives the episodes of a running node, also of message types that the bag alone knows."""
 
 from random import Random

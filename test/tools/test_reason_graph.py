@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """Why a decision needs its sensors, as a small graph."""
 
 from selections import selection, sensor

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """`watch` in a real terminal, beside real nodes."""
 
 import os

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """From states and rewards to episodes: pairing, buffer, file, filter."""
 
 from .file_format import Saved

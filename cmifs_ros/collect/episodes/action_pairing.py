@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """Give each step its action, by the stamp of its state, before an episode is built of it."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """A buffer of the newest episodes, bounded in number and memory."""
 
 from __future__ import annotations

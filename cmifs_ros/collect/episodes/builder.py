@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """Join steps to whole episodes: one that misses a step is dropped, and counted by its cause."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """Detect covariate shift: whether new data still resemble those a selection was made from."""
 
 from __future__ import annotations

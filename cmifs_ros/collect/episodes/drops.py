@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """The causes by which messages and episodes are dropped; docs/interface.md has the remedies."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """How episodes ended, and how many of each kind of end were lost.
 
 Losses that depend on how an episode ends leave the survivors, of which one learns the wrong thing.

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """Check, before selecting, that episodes end properly and are numerous enough."""
 
 from __future__ import annotations

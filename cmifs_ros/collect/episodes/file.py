@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """Writes the file of episodes; `file_format` says what is in it."""
 
 from __future__ import annotations

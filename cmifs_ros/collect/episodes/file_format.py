@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 r"""The file that brings the episodes and the last selection back after a restart.
 
 Format, version 5::

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """The selected channels of a state, picked by name."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """Describe problems of the input: causes before their consequences, with a remedy."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """Pair states with rewards and actions by their stamps, for episodes to be built of.
 
 Nothing here knows ROS: stamps are nanoseconds, and what is dropped is counted by cause, so

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """Check, before selecting, that episodes have what the target needs: returns or actions."""
 
 from __future__ import annotations

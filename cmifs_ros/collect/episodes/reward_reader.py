@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """What a reward message says of its step, read by the names of its fields."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """Episodes of which some have actions and others none, made alike for a selection."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """Save episodes so that a killed process loses nothing and the node never waits for the disk."""
 
 from __future__ import annotations

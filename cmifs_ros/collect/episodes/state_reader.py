@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """States to the values of known channels, in one order and all of them finite."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """The robot file: which of a robot's topics are channels, reward and ends of episodes."""
 
 from .model import RobotFile

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """Arithmetic over named values, as a robot file writes it; never `eval`.
 
 Only what is listed here is understood: everything else of Python is refused when the file is

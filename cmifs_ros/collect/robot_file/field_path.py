@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """Where a number lies in a message: `/topic.field.sub`, `[0:360:30]`, `{name,name}`.
 
 In the middle, `.status{left motor}.level` takes of an array of messages the one called so, and

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """What a robot file says, as plain objects: its sources, and when a step and an episode are."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """The fields of a topic's messages that could be channels, and what their values did."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """Topics that this package publishes itself: what it learned from is no sensor of the robot.
 
 They are known by what they say, since they may be remapped: the reward among the channels would be

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """From YAML to a `RobotFile`: every mistake at once, with line, what was found and expected."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """From YAML to one `Source`: a path, and what may stand beside it."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """A first robot file from what topics carry: every numeric field of every topic is a channel.
 
 What never changed there, or was never a number, is commented out, and told why.

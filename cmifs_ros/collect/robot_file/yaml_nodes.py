@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """YAML nodes, which know their lines: mistakes in them are noted instead of stopping."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """A recorded bag's messages, read, not played: MCAP and db3, and ROS 1.
 
 rosbags and mcap are optional: `pip install 'rosbags>=0.11,<0.12' mcap`.

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """Where episodes end, and where one may begin, by the robot file."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """Messages in event time: ordered by their stamps, whatever the order in which they arrive.
 
 Live, a message waits until every topic has passed its time, or is not seen to need longer: a topic

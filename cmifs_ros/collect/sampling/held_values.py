@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """The newest values of a robot file's sources, and summaries of all since the last step."""
 
 from __future__ import annotations

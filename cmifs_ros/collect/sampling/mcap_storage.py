@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """MCAP files: where their chunks are, and the messages in them in order of time."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """What the robot file takes of a message, so that itself need not be kept."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """Why a step lacks a channel or a value, counted and in words."""
 
 from __future__ import annotations

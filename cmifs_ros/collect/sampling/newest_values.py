@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """The newest values of the selected channels, whatever the others do: for control, at once.
 
 Learning is by event time and waits (`sampler`); here a message counts as soon as it is received.

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """From a robot's messages to steps: states and rewards in event time.
 
 The same class for live messages and for those of a bag, by three others: the order of events, where

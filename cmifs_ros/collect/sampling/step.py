@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """A step, and the last one before a topic fell silent."""
 
 from __future__ import annotations

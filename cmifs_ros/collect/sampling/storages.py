@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """The files of a bag: which topics they hold, and the bytes of their messages in order of time.
 
 What a topic's messages mean is not asked here, so that no foreign schema makes a file unreadable.

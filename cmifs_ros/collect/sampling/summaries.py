@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """What happens between two steps, summarised in one pass: mean, rms, min, max, std, count."""
 
 from __future__ import annotations

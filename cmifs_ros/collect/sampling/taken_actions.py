@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """The action of a step: what is commanded from its state on, until the next one.
 
 A command follows the state that it answers. So of a step from time t0 to t1 the newest message at

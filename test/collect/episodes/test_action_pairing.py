@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """Actions join the steps of their stamps, whichever comes first, and none is waited for in vain."""
 
 from array import array

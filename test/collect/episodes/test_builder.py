@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """Building of episodes by itself; what pairing and building do together is in test_pairing.py."""
 
 from cmifs_ros.collect.episodes.builder import EpisodeBuilder, RewardSample

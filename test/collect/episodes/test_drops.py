@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """Every cause by which something is dropped is explained, in the code and in the docs."""
 
 import ast

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 from cmifs_ros.collect.episodes.end_counts import EndCounts
 
 

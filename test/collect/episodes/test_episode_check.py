@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """What is said of episodes without ends, with too many ends, and of too few."""
 
 import pytest

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """What was written is read, and nothing else is believed."""
 
 import hashlib

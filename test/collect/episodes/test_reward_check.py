@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 import pytest
 
 from cmifs_ros.collect.episodes.reward_check import problem_of_rewards, problem_of_target

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """A selection needs actions of all episodes, or of none."""
 
 import numpy as np

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """What was saved is on the disk, whenever the process is killed."""
 
 import os

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """States with gaps, readings out of range and other channels."""
 
 from array import array

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """Expressions of a robot file: what they compute and what they refuse."""
 
 from math import isnan, nan

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """Field paths: what they find in messages and what they refuse."""
 
 from types import SimpleNamespace

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """The package's own topics are known by what they say, whatever they are called."""
 
 from types import SimpleNamespace as Message

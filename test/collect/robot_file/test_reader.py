@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """The robot file: what it says, and that all mistakes are told at once."""
 
 import re

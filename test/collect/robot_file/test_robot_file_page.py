@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """docs/robot_file.md: its examples are valid robot files, and errors read as it shows."""
 
 import re

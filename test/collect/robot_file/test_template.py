@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """The first robot file: uninformative fields are commented out with why, and can be uncommented."""
 
 import re

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """Bags as people record them: what is asked for is read, whatever else is in the file."""
 
 import sqlite3

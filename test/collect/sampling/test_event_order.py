@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """The order of events: how long topics are waited for, and when a clock was set."""
 
 import pytest

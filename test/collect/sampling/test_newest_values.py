@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """The newest values for control: of the selected channels alone, and at once."""
 
 from math import inf, nan

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """The same messages give the same episodes, live and recorded, in whichever order they arrive.
 
 A running node and a bag differ in that order, and in when a message without a stamp was received

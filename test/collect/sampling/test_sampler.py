@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """The sampler: event time, gaps, ends, and that the order of arrival does not matter."""
 
 from types import SimpleNamespace as Message

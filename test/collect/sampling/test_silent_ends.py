@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """Episodes that end while a topic is silent, and ends that are told before all fall silent."""
 
 from itertools import pairwise

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """What happens between two steps, summarised; NumPy is the oracle."""
 
 from types import SimpleNamespace as Message

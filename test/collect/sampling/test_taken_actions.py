@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """The action of a step is what was commanded from its state on, until the next one."""
 
 from types import SimpleNamespace as Message

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """The engine finds what the plain port of the authors' program finds, to the eighth decimal."""
 
 import numpy as np

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+
 """Other readings of the paper: they differ from ours in what they say, and in nothing else."""
 
 import numpy as np
