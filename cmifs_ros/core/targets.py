@@ -81,9 +81,9 @@ class TargetTest:
         return np.array([combined_pvalue(list(of.values())) for of in of_candidates])
 
     def why(self, candidate: Sequence[int], given: Sequence[int]) -> str:
-        """Return the variable for which the evidence for a candidate is strongest."""
+        """Return the variable for which the evidence for a candidate is strongest; '' of none."""
         (pvalues,) = self._of_all('pvalues', [candidate], given)
-        return min(pvalues, key=pvalues.__getitem__)
+        return min(pvalues, key=pvalues.__getitem__, default='')
 
     def effects(self, candidates: Sequence[Sequence[int]], given: Sequence[int]) -> list[Effect]:
         """Return what each candidate adds, to the variable for which it may be most."""

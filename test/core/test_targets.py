@@ -88,3 +88,11 @@ def test_actions_of_another_length_or_width_are_refused():
     pair = [Episode(np.zeros((3, 2)), np.zeros(3), np.zeros((3, k))) for k in (1, 2)]
     with pytest.raises(ValueError, match='episode 1 has actions of 2 values; expected 1'):
         ConditionalMISelector().fit(pair)
+
+
+@pytest.mark.parametrize('target', ['return', 'decision'])
+def test_rewards_that_never_differ_confirm_nothing(target):
+    states = np.random.default_rng(0).normal(size=(10, 5, 2))
+    selector = ConditionalMISelector(target=target).fit((states, np.zeros((10, 5))))
+    assert selector.num_features_ == 0
+    assert selector.predicted_share_ == 0
