@@ -21,6 +21,8 @@ _MUCH_OF_ONE = 0.5
 _FEW_INDEPENDENT = 0.5
 #: Steps in a row that are found in two episodes, and their share from which on it is told.
 _RUN, _MUCH_OVERLAP = 3, 0.05
+#: So many are looked at.
+_MAX_RUNS = 100_000
 #: Share of an action's variance that the channels predict, from which on it is told.
 _MUCH_PREDICTED = 0.5
 _MAX_PREDICTORS = 3
@@ -126,6 +128,8 @@ def _problems_of_overlap(episodes) -> list[str]:
     found: dict[bytes, int] = {}
     total = repeated = 0
     for number, rows in enumerate(steps):
+        if total >= _MAX_RUNS:
+            break
         for t in range(len(rows) - _RUN + 1):
             total += 1
             repeated += found.setdefault(rows[t : t + _RUN].tobytes(), number) != number
