@@ -10,9 +10,9 @@ the return, z what is given (the sensors selected, the action and the step) and 
 2. :math:`\delta_t = \varepsilon_t - \gamma \varepsilon_{t+1}`, the TD residual of Sutton (Learning
    to predict by the methods of temporal differences, 1988). It has less noise than
    :math:`\varepsilon_t`, but shows nothing of a sensor that is read early and matters late, so both
-   are used. The mean of :math:`\delta_t` given z need not be 0: they are regressed on z again.
-3. Functions f of x and z, Gaussians and products, lose their projection on the same space as
-   these: what is left of the two is orthogonal to all that z explains of either
+   are used. The mean of :math:`\delta_t` given z need not be 0: it is regressed on z again.
+3. Functions f of x and z, Gaussians and products, lose their projection on that same space, as do
+   the residuals: what is left of the two is orthogonal to all that z explains of either
    (Frisch-Waugh-Lovell).
 4. The products :math:`s_i = \sum_t f_{it} \delta_{it} / \sqrt{T_i}` of each episode i are added up.
    If y does not depend on x given z, each :math:`s_i` may as well have the opposite sign, whatever
@@ -159,8 +159,12 @@ class ConditionalTest:
         if not columns:
             return [{}] * len(candidates)
         context = self._given(given)
-        left = self._residuals(context.regression, self._targets[:, columns])
-        basis = context.regression.basis(context.regression.jointly_tuned(left))
+        targets = self._targets[:, columns]
+        both = standardized(np.hstack([targets, normal_scores(targets)]))
+        basis = context.regression.basis(context.regression.jointly_tuned(both))
+        left = residual(both, basis)
+        if self._discount:
+            left = np.hstack([left, left - self._discount * self._rows.following(left)])
         basis = self._with_drift(basis, left)
         products = Products(
             residual(left, basis),
@@ -199,19 +203,6 @@ class ConditionalTest:
         """Return the variables of the target that vary, of those that count given some channels."""
         columns = sorted(given) if self._of_given else range(len(self._names))
         return [c for c in columns if np.ptp(self._targets[:, c]) > 0]
-
-    def _residuals(self, regression: KernelRegression, targets: np.ndarray) -> np.ndarray:
-        """Return what is left of targets (N, q), variant after variant: each of shape (N, q)."""
-        both = standardized(np.hstack([targets, normal_scores(targets)]))
-        left = np.column_stack(
-            [
-                residual(both[:, [k]], regression.basis(space))
-                for k, space in enumerate(regression.tuned(both))
-            ]
-        )
-        if not self._discount:
-            return left
-        return np.hstack([left, left - self._discount * self._rows.following(left)])
 
     def _with_drift(self, basis: np.ndarray, left: np.ndarray) -> np.ndarray:
         """Return the basis with slow cosines of level and slope, where the residuals drift."""
