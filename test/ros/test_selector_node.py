@@ -19,6 +19,7 @@ from std_msgs.msg import String
 
 from cmifs_ros.collect.episodes.pairing import RewardSample
 from cmifs_ros.core import ConditionalMISelector, Episode, KDRSelector
+from cmifs_ros.core.looks import level_of_look
 from cmifs_ros.ros import sampler_node, selector_parameters, simulator_node
 from cmifs_ros.ros.diagnostics import OK, WARN
 from cmifs_ros.sim import channel_names, rollout
@@ -54,7 +55,8 @@ def test_the_service_gives_what_the_selector_finds_on_the_same_episodes(start, r
     assert reply.success, reply.message
     found = json.loads(reply.message)
 
-    own = ConditionalMISelector(2, random_state=3).fit(episodes, names=names)
+    level = level_of_look(0.05, num_seen=25, num_first=20, buffer_size=100)
+    own = ConditionalMISelector(2, random_state=3, significance=level).fit(episodes, names=names)
     assert found['indices'] == own.get_support(indices=True).tolist()
     assert found['names'] == own.get_feature_names_out().tolist()
     assert found['scores'] == pytest.approx(own.scores_.tolist(), abs=1e-12)
