@@ -33,6 +33,8 @@ from .verdicts import Verdict, verdicts
 WIDTHS = tuple(np.logspace(-1, 1.5, 6))
 #: A bin holds no more samples: neighbouring steps of an episode tell nearly the same.
 _MAX_SAMPLES = 1000
+#: Episodes are shifted where signs give no more, so that no p-value depends on a smaller level.
+_LEAST_SHIFTED = 0.05
 #: Time bins are compared by so many channels, the likeliest to be informative.
 _MAX_COMPARED = 10
 
@@ -308,7 +310,7 @@ class ConditionalMISelector(SensorSelector):
             action_names,
             self.gamma,
             random_state=self.random_state,
-            level=self.significance,
+            level=max(self.significance, _LEAST_SHIFTED),
             ordered=self._ordered,
             n_jobs=self.n_jobs,
         )

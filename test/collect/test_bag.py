@@ -4,6 +4,8 @@
 
 import numpy as np
 import pytest
+
+pytest.importorskip('rosbags', reason='rosbags is not here')
 from bags import STORE
 from rosbags.rosbag2 import StoragePlugin, Writer
 
