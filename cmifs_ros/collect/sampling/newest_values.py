@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from array import array
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 
 from cmifs_ros.collect.robot_file.model import CHANNEL, RobotFile, Source, UnlistedKindError
 
@@ -45,6 +45,7 @@ class NewestValues:
         self._by_topic: dict[str, list[Source]] = {}
         self._received: dict[str, tuple[int, object]] = {}  # By topic, its newest message.
         self._held: dict[str, tuple[int, list[float]]] = {}  # By source, its newest values.
+        self._summaries: dict[str, Summary] = {}  # By source, since the newest `state`.
         self._since: int | None = None  # When it was first asked.
         self._last = 0
         self.gone: dict[str, str] = {}
@@ -68,20 +69,28 @@ class NewestValues:
             for source in self._robot.sources
             if source.role == CHANNEL and not place.keys().isdisjoint(source.names)
         ]
-        self._summaries = {s.name: Summary(s) for s, _ in self._places if s.over}
         self._by_topic = {}
         for source, _ in self._places:
             self._by_topic.setdefault(source.path.topic, []).append(source)
+        self._summaries = {
+            source.name: self._summaries.get(source.name) or Summary(source)
+            for source, _ in self._places
+            if source.over
+        }
         # What is latched does not come again.
         for topic, (time, message) in self._received.items():
-            self._read(topic, message, time)
+            for source, values in self._readings(topic, message):
+                self._held[source.name] = time, values
 
     def take(self, topic: str, message, time: int) -> None:
         """Take a message, of which the values of the selected channels count."""
         self._received[topic] = time, message
-        self._read(topic, message, time)
+        for source, values in self._readings(topic, message):
+            self._held[source.name] = time, values
+            if source.over:
+                self._summaries[source.name].add(values)
 
-    def _read(self, topic: str, message, time: int) -> None:
+    def _readings(self, topic: str, message) -> Iterator[tuple[Source, list[float]]]:
         for source in self._by_topic.get(topic, ()):
             try:
                 values = source.readings(message)
@@ -90,9 +99,7 @@ class NewestValues:
             except UNREADABLE:
                 continue
             if values:
-                self._held[source.name] = time, values
-                if source.over:
-                    self._summaries[source.name].add(values)
+                yield source, values
 
     def state(self, time: int) -> array:
         """Return the values at a time, NaN for what has none or none that is finite.
@@ -110,18 +117,25 @@ class NewestValues:
         self._last = time
         for source, places in self._places:
             at, values = self._held.get(source.name, (None, ()))
-            if at is None:
+            summary = self._summaries.get(source.name)
+            if summary is not None and summary.is_known:
+                self._fill(state, source, places, summary.take())
+            elif at is None:
                 if time - self._since > min(source.max_age, _FIRST) * SECOND:
                     self.gone[source.name] = 'no message yet'
             elif time - at > source.max_age * SECOND:
                 self.gone[source.name] = f'silent for more than its max_age, {source.max_age:g} s'
+            elif summary is not None and all(map(math.isfinite, values)):
+                self._fill(state, source, places, summary.take_of(values))
+            elif summary is not None:
+                self.gone[source.name] = 'no finite value'
             else:
-                if source.over:
-                    summary = self._summaries[source.name]
-                    values = summary.take() if summary.is_known else summary.take_of(values)
-                for i, place in places:
-                    if math.isfinite(values[i]):
-                        state[place] = values[i]
-                    else:
-                        self.gone[source.name] = f'it is {values[i]}'
+                self._fill(state, source, places, values)
         return state
+
+    def _fill(self, state: array, source: Source, places, values: Sequence[float]) -> None:
+        for i, place in places:
+            if math.isfinite(values[i]):
+                state[place] = values[i]
+            else:
+                self.gone[source.name] = f'it is {values[i]}'

@@ -101,14 +101,23 @@ def test_where_the_clock_is_set_back_what_was_received_before_counts_from_then_o
     assert state(newest, 4.6) == [2, 4]
 
 
-def test_what_is_summarised_is_so_since_the_step_before():
-    robot = parse_robot_file(
-        'step: {topic: /a}\nreward: a\n'
-        'channels: {a: /a.data, shake: {path: /b.data, over: [mean, max]}}\n'
-    )
+def test_a_summary_is_of_what_came_since_the_newest_state():
+    robot = parse_robot_file("""
+step: {topic: /a}
+channels:
+  shake: {path: /shake.data, over: [mean, max, count]}
+  hits: {path: /hits.data, over: count}
+reward: "0"
+""")
     newest = NewestValues(robot)
-    for value in (1.0, 3.0):
-        take(newest, a=0.0, b=value)
-    assert state(newest) == [0, 2, 3]
-    assert state(newest, 0.5) == [0, 3, 3]  # No message since: the newest holds.
-    assert state(newest, 2.0)[1:] == pytest.approx([nan, nan], nan_ok=True)
+    take(newest, shake=1.0, hits=0.0)
+    take(newest, shake=3.0, hits=0.0)
+    assert newest.names == ['shake.mean', 'shake.max', 'shake.count', 'hits']
+    assert state(newest) == [2, 3, 2, 2]
+    assert state(newest, 0.5) == [3, 3, 0, 0]  # The newest message still holds.
+    newest.select({'shake.max', 'hits'}, ['shake.max', 'hits'])
+    take(newest, 0.6, shake=nan)
+    assert state(newest, 0.6) == pytest.approx([nan, 0], nan_ok=True)
+    assert newest.gone == {'shake': 'no finite value'}
+    assert state(newest, 5.0) == pytest.approx([nan, 0], nan_ok=True)
+    assert newest.gone == {'shake': 'silent for more than its max_age, 1 s'}
