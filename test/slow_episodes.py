@@ -10,6 +10,6 @@ SLOW_NAMES = [f'channel_{i}' for i in range(100)]
 
 
 def slow_episodes(count, seed=0):
-    """Return episodes of many channels, of which the first is what pays."""
+    """Return episodes of many channels, of which the reward depends on the first."""
     states = np.random.default_rng(seed).normal(size=(count, 20, len(SLOW_NAMES)))
     return [Episode(of_episode, of_episode[:, 0]) for of_episode in states]

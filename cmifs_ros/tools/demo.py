@@ -63,7 +63,7 @@ NEXT = """\
 your own robot next, from what it publishes already (docs/robot_file.md):
   ros2 bag record -a --include-hidden-topics -o my_bag
   ros2 run cmifs_ros make_robot_file --bag my_bag --out my_robot.yaml
-  (say in my_robot.yaml what pays)
+  (say in my_robot.yaml what the reward is)
   ros2 run cmifs_ros select_from_bag my_bag --robot my_robot.yaml --report page
   ros2 launch cmifs_ros robot.launch.xml robot_file:=my_robot.yaml"""
 

@@ -446,7 +446,7 @@ def test_a_robot_file_is_made_that_lacks_only_the_reward(tmp_path, capsys):
     assert make_robot_file(['--bag', str(tmp_path / 'bag')]) == 0
     text = capsys.readouterr().out
     with pytest.raises(
-        ValueError, match=r"^line \d+: the file has no 'reward'; add what pays"
+        ValueError, match=r"^line \d+: the file has no 'reward'; add what the reward is"
     ) as e:
         parse_robot_file(text)
     assert int(re.search(r'\d+', str(e.value))[0]) == text.count('\n')

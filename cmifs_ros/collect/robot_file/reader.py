@@ -34,8 +34,8 @@ _EXPECTED = 'expected a robot file; make_robot_file writes a first one'
 _NEEDED = {
     'step': 'when a step is, such as step: {rate: 10.0}',
     'channels': 'the sensors, each as name: /topic.field',
-    'reward': 'what pays, such as reward: "before(distance) - distance"; make_robot_file leaves '
-    'that to you, as a TODO',
+    'reward': 'what the reward is, such as reward: "before(distance) - distance"; make_robot_file '
+    'leaves that to you, as a TODO',
 }
 _ACTIONS = {'actions': 'what the robot does, each as name: /topic.field'}
 _KEYS = (

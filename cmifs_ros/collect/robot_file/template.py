@@ -249,7 +249,7 @@ def _text(title: str, channels: list[str], actions: list[str]) -> str:
         'channels:',
         *channels,
         '',
-        '# TODO: what pays, of the values of channels; before(name) is the value of the step left.',
+        '# TODO: the reward, from channel values; before(name) is the value at the previous step.',
         '# Values that are no sensors, such as the distance to the goal, belong under `values:`.',
         '# reward: "before(distance) - distance"',
         '',
