@@ -15,6 +15,7 @@ CHANGE ?=
 LOOKS ?=
 CONSTANTS ?=
 LEARNING ?=
+ABLATION ?=
 LOOP ?=
 SOAK ?=
 ROBOT ?=
@@ -44,7 +45,7 @@ ENTER := . $(VENV)/bin/activate && { [ ! -f install/setup.bash ] || . install/se
 # Run colcon with the environment's own Python: another colcon would build for another Python.
 COLCON := python -c 'import sys; from colcon_core.command import main; sys.exit(main())'
 
-.PHONY: help demo test test-installed test-oldest soak robot load paper benchmark growth accuracy evidence level targets looks constants change oracle learning loop lint \
+.PHONY: help demo test test-installed test-oldest soak robot load paper benchmark growth accuracy evidence level targets looks constants change oracle learning ablation loop lint \
 	build clean
 
 help:
@@ -66,6 +67,7 @@ help:
 	@echo "make change [CHANGE='--trials 6']  how soon the selection is right again after the task changed"
 	@echo "make oracle [ORACLE='--trials 6']  rank sums of an oracle that knows all but one channel"
 	@echo "make learning [LEARNING='--trials 4']  whether a selection helps a learner: learning/"
+	@echo "make ablation [ABLATION='--trials 4']  what a controller loses with a sensor frozen: learning/"
 	@echo "make loop [LOOP='--trials 1']      a learner with and without the selector: loop/"
 	@echo 'make clean                        remove builds and environments; keep reproduction/, growth/,'
 	@echo '                                  learning/ and loop/'
@@ -128,6 +130,9 @@ oracle: build
 
 learning: build
 	@$(ENTER) && exec python -m studies.learning.curves $(LEARNING)
+
+ablation: build
+	@$(ENTER) && exec python -m studies.learning.ablation $(ABLATION)
 
 loop: build
 	@$(ENTER) && exec python -m studies.loop.closed_loop $(LOOP)
