@@ -19,6 +19,7 @@ ABLATION ?=
 LOOP ?=
 SOAK ?=
 ROBOT ?=
+SORTING ?=
 LOAD ?=
 unexport PYTHONDONTWRITEBYTECODE
 # The matrices are small: several BLAS threads would only slow each other down.
@@ -45,7 +46,7 @@ ENTER := . $(VENV)/bin/activate && { [ ! -f install/setup.bash ] || . install/se
 # Run colcon with the environment's own Python: another colcon would build for another Python.
 COLCON := python -c 'import sys; from colcon_core.command import main; sys.exit(main())'
 
-.PHONY: help demo test test-installed test-oldest soak robot load paper benchmark growth accuracy evidence level targets looks constants change oracle learning ablation loop lint \
+.PHONY: help demo test test-installed test-oldest soak robot sorting load paper benchmark growth accuracy evidence level targets looks constants change oracle learning ablation loop lint \
 	build clean
 
 help:
@@ -54,6 +55,7 @@ help:
 	@echo 'make test                         lint, build, and run the whole test suite'
 	@echo 'make soak                         inject faults and load for half an hour; print a table'
 	@echo "make robot [ROBOT='--goals 20']    a complete robot: select live, and from its bag"
+	@echo "make sorting [SORTING='--boxes 50']  which topics of a sorting robot can go: sorting/page"
 	@echo "make load [LOAD='--seconds 10']    cost of the sampler relative to bare subscriptions"
 	@echo "make paper [PAPER='--trials 6']    reproduce the figures of the paper: reproduction/"
 	@echo "make benchmark [BENCHMARK='--trials 3']  time and rank sum beside the baselines"
@@ -70,7 +72,7 @@ help:
 	@echo "make ablation [ABLATION='--trials 4']  what a controller loses with a sensor frozen: learning/"
 	@echo "make loop [LOOP='--trials 1']      a learner with and without the selector: loop/"
 	@echo 'make clean                        remove builds and environments; keep reproduction/, growth/,'
-	@echo '                                  learning/ and loop/'
+	@echo '                                  learning/, loop/ and sorting/'
 
 demo: build
 	@$(ENTER) && exec install/cmifs_ros/lib/cmifs_ros/demo --scenario $(SCENARIO)
@@ -91,6 +93,9 @@ soak: build
 
 robot: build
 	@$(ENTER) && exec python -m studies.robot $(ROBOT)
+
+sorting: build
+	@$(ENTER) && exec python -m studies.robot.sorting $(SORTING)
 
 load: build
 	@$(ENTER) && exec python -m studies.robot.load $(LOAD)

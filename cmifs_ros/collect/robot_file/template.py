@@ -2,7 +2,8 @@
 
 """A first robot file from what topics carry: every numeric field of every topic is a channel.
 
-What never changed there, or was never a number, is commented out, and told why.
+What never changed there, or was never a number, is commented out, and told why. Commands are what
+the robot does, not what it senses: they are proposed as its actions.
 """
 
 from __future__ import annotations
@@ -29,6 +30,8 @@ from .own_topics import own_topics
 MAX_LOOKS, MAX_SHORT = 1000, 64
 #: Last parts of topics that say little without the one before.
 _GENERAL = ('data', 'data_raw', 'raw', 'state', 'status', 'value', 'filtered')
+#: The last part of a topic that tells the robot what to do.
+_COMMAND = re.compile(r'(.*_)?(cmd|commands?|setpoints?)(_.*)?|goal(_pose)?')
 _OF_ROS = ('/rosout', '/parameter_events', '/clock')
 
 
@@ -148,12 +151,13 @@ def robot_file_of_topics(
         if len(fields) == MAX_FIELDS:
             without.append(f'{one.topic} has more than {counted(MAX_FIELDS, "field")}')
     names = _names([field.path for _, field in found])
-    lines = [
-        _channel(name, field, one, _max_age(one.period(field, seconds)))
-        for name, (one, field) in zip(names, found, strict=True)
-    ]
-    actions = [one.topic.removesuffix(STATUS) for one in heard if one.topic.endswith(STATUS)]
-    return _text(title, lines + [f'# {what}' for what in without], actions)
+    lines: list[str] = []
+    commands: list[str] = []
+    for name, (one, field) in zip(names, found, strict=True):
+        line = _channel(name, field, one, _max_age(one.period(field, seconds)))
+        (commands if _COMMAND.fullmatch(one.topic.rpartition('/')[2]) else lines).append(line)
+    ros_actions = [one.topic.removesuffix(STATUS) for one in heard if one.topic.endswith(STATUS)]
+    return _text(title, lines + [f'# {what}' for what in without], commands, ros_actions)
 
 
 def _channel(name: str, field: ObservedField, heard: ObservedTopic, age: str) -> str:
@@ -237,7 +241,7 @@ def _word(text: str) -> str:
     return re.sub(r'\W+', '_', text, flags=re.ASCII).strip('_')
 
 
-def _text(title: str, channels: list[str], actions: list[str]) -> str:
+def _text(title: str, channels: list[str], commands: list[str], ros_actions: list[str]) -> str:
     lines = [
         f'# Written by make_robot_file from {json.dumps(title)[1:-1]}. Decide what is marked TODO,',
         '# and remove channels that cannot matter: the more there are, the more episodes it takes.',
@@ -249,12 +253,17 @@ def _text(title: str, channels: list[str], actions: list[str]) -> str:
         'channels:',
         *channels,
         '',
+        '# TODO: what the robot does, if recorded. Actions are given, never selected: with them it',
+        '# shows what a sensor is good for. `target: decision` and `target: action` need them.',
+        '# actions:',
+        *(f'# {command}' for command in commands or ['  drive: "/cmd_vel.linear.x"']),
+        '',
         '# TODO: the reward, from channel values; before(name) is the value at the previous step.',
         '# Values that are no sensors, such as the distance to the goal, belong under `values:`.',
         '# reward: "before(distance) - distance"',
         '',
         '# TODO: when an episode ends: after so many steps, with an action or a condition, such as',
     ]
-    lines += [f'# episode: {{action: {action}}}' for action in actions or ['/navigate_to_pose']]
+    lines += [f'# episode: {{action: {action}}}' for action in ros_actions or ['/navigate_to_pose']]
     lines += ['# episode: {terminated: "distance < 0.1", steps: 300}', 'episode: {steps: 25}']
     return '\n'.join(lines) + '\n'

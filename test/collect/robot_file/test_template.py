@@ -123,6 +123,28 @@ def test_what_a_text_says_is_shown_as_categories():
     assert any('heat: ' in line and 'never changed: 4' in line for line in lines)
 
 
+def test_commands_are_proposed_as_actions_and_are_no_sensors():
+    kinds = KINDS | {'Twist': {'linear': 'Transform', 'angular': 'Transform'}}
+    twists = [Message(linear=Message(x=i), angular=Message(x=0.0)) for i in (0.1, 0.2)]
+    said = [(topic, 'Twist', twist) for topic in ('/base/cmd_vel', '/vel') for twist in twists]
+    said += [(topic, 'Battery', Message(voltage=i)) for i in range(2)
+             for topic in ('/goal_distance', '/arm/commands', '/goal')]  # fmt: skip
+    text = text_of(kinds, *said)
+    channels, _, actions = text.partition('\n# actions:\n')
+    actions = actions.partition('\n\n')[0].splitlines()
+    assert re.findall(r'"/([\w/]+)\.', channels) == ['goal_distance', 'vel', 'vel']
+    assert actions == [
+        '#   commands_voltage: "/arm/commands.voltage"',
+        '#   cmd_vel_linear_x: "/base/cmd_vel.linear.x"',
+        '#   # cmd_vel_angular_x: "/base/cmd_vel.angular.x"  # never changed: 0',
+        '#   goal_voltage: "/goal.voltage"',
+    ]
+    robot = parse_robot_file(re.sub('(?m)^# (actions:$|  )', r'\1', text) + 'reward: "1"\n')
+    assert robot.action_names == ('commands_voltage', 'cmd_vel_linear_x', 'goal_voltage')
+    # Where no command was heard, there is an example.
+    assert '# actions:\n#   drive: ' in text_of(KINDS, ('/w', 'Battery', Message(voltage=1)))
+
+
 def test_an_infinite_range_is_the_greatest():
     said = [('/sonar', 'Range', Message(range=r, max_range=4.0)) for r in (1.0, inf)]
     assert '  sonar_range: {path: "/sonar.range", inf: max_range}' in text_of(KINDS, *said)
