@@ -17,7 +17,7 @@ from cmifs_ros.core.targets import ACTION, DECISION, RETURN
 from cmifs_ros.core.words import counted, first, listed, short
 
 from .selection_report import LINE_WIDTH, interval, share
-from .traffic import Rate
+from .traffic import Rate, rate_in_words
 
 #: Chance that a sensor that adds as much as the margin is called dispensable, and that anything is
 #: confirmed where nothing matters; the number of episodes is estimated for these.
@@ -212,7 +212,7 @@ def headed(advice: Advice) -> list[tuple[str, Sequence[Item]]]:
     can_go = 'these can go'
     rates = [item.rate for item in advice.can_go if item.rate is not None]
     if len(rates) > 1:
-        can_go += f' (together {_rate(Rate(*map(sum, zip(*rates, strict=True))))})'
+        can_go += f' (together {rate_in_words(Rate(*map(sum, zip(*rates, strict=True))))})'
     return [
         ('keep these', advice.keep),
         (can_go, advice.can_go),
@@ -223,19 +223,7 @@ def headed(advice: Advice) -> list[tuple[str, Sequence[Item]]]:
 def text_of(item: Item) -> str:
     """Return an item of the advice in words."""
     parts = [*item.notes]
-    parts += [_rate(item.rate)] if item.rate is not None else []
+    parts += [rate_in_words(item.rate)] if item.rate is not None else []
     if item.more_episodes is not None:
         parts.append(f'about {counted(item.more_episodes, "more episode")} would decide')
     return f'{item.name}: {"; ".join(parts)}' if parts else item.name
-
-
-def _rate(rate: Rate) -> str:
-    return f'{rate.messages:.3g} messages/s, {_size(rate.bytes)}/s'
-
-
-def _size(number: float) -> str:
-    for unit in ('B', 'kB', 'MB'):
-        if number < 999.5:
-            return f'{number:.3g} {unit}'
-        number /= 1000
-    return f'{number:.3g} GB'

@@ -46,6 +46,7 @@ def fields_of(selection: Selection) -> dict[str, Any]:
         'predicted_share_of_all': selection.predicted_share_of_all,
         'margin': selection.margin,
         'warnings': selection.warnings,
+        'doubt': selection.doubt,
         'advice': advice_fields(advice_of(selection)),
     }
 
@@ -85,6 +86,7 @@ def selection_of(fields: dict[str, Any]) -> Selection:
         predicted_share_of_all=_number_or_none(fields['predicted_share_of_all']),
         margin=_number_or_none(fields['margin']),
         warnings=tuple(_text(text) for text in list_of(fields['warnings'])),
+        doubt=_text(fields.get('doubt', '')),  # Files of before have none.
     )
     if len(selection.warnings) > _MAX_WARNINGS:
         raise ValueError(f'{len(selection.warnings)} warnings; expected at most {_MAX_WARNINGS}')

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -36,3 +36,66 @@ def rates_of(recordings: Sequence[Traffic]) -> dict[str, Rate]:
     if seconds <= 0:
         return {}
     return {topic: Rate(n / seconds, sizes[topic] / seconds) for topic, n in messages.items()}
+
+
+class TrafficMeter:
+    """Measure what topics carry while they are on, and so what they do not while they are off.
+
+    Attributes
+    ----------
+    saved : dict of str to Rate
+        By topic, the messages and bytes that have not come because it was off, about.
+
+    """
+
+    def __init__(self):
+        self._messages: Counter[str] = Counter()
+        self._sizes: dict[str, int] = {}  # The newest message's, in bytes.
+        self._seconds: dict[str, float] = {}  # For which a topic was on, from its first message.
+        self._cpu: dict[bool, tuple[float, float]] = {}  # CPU and all seconds, while any is off.
+        self.saved: dict[str, Rate] = {}
+
+    def take(self, topic: str) -> None:
+        """Count a message."""
+        self._messages[topic] += 1
+
+    def weigh(self, topic: str, size: int) -> None:
+        """Take the size of a topic's newest message in bytes."""
+        self._sizes[topic] = size
+
+    def pass_time(self, seconds: float, cpu_seconds: float, off: Collection[str]) -> None:
+        """Take the time since the last call, in which these topics were off."""
+        cpu, total = self._cpu.get(bool(off), (0.0, 0.0))
+        self._cpu[bool(off)] = cpu + cpu_seconds, total + seconds
+        for topic in self._messages.keys() - set(off):
+            self._seconds[topic] = self._seconds.get(topic, 0.0) + seconds
+        for topic in off:
+            rate, saved = self.rate(topic), self.saved.get(topic, Rate(0.0, 0.0))
+            self.saved[topic] = Rate(
+                saved.messages + seconds * rate.messages, saved.bytes + seconds * rate.bytes
+            )
+
+    def rate(self, topic: str) -> Rate:
+        """Return the mean of a topic while it is on."""
+        seconds = self._seconds.get(topic, 0.0)
+        messages = self._messages[topic] / seconds if seconds else 0.0
+        return Rate(messages, messages * self._sizes.get(topic, 0))
+
+    def cpu_share(self, is_saving: bool) -> float | None:
+        """Return the share of a core while any topic is off, or while none is; None if never."""
+        cpu, total = self._cpu.get(is_saving, (0.0, 0.0))
+        return cpu / total if total else None
+
+
+def rate_in_words(rate: Rate) -> str:
+    """Return messages and bytes per second as text."""
+    return f'{rate.messages:.3g} messages/s, {size_in_words(rate.bytes)}/s'
+
+
+def size_in_words(number: float) -> str:
+    """Return a number of bytes as text."""
+    for unit in ('B', 'kB', 'MB'):
+        if number < 999.5:
+            return f'{number:.3g} {unit}'
+        number /= 1000
+    return f'{number:.3g} GB'

@@ -104,6 +104,8 @@ class Selection:
         What limits what the data show.
     margin : float or None
         A sensor that adds less than this share of the target's variance is dispensable.
+    doubt : str
+        What has spoken against it since it was put to use; nothing if nothing has.
 
     """
 
@@ -121,6 +123,7 @@ class Selection:
     predicted_share_of_all: float | None = None
     warnings: tuple[str, ...] = ()
     margin: float | None = None
+    doubt: str = ''
 
     @property
     def names(self) -> tuple[str, ...]:

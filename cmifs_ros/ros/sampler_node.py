@@ -30,6 +30,7 @@ from .qos import STREAM_QOS
 from .run_node import run_node
 from .sampler_status import SamplerStatus
 from .selected_state import SelectedState
+from .topic_saving import TopicSaving
 
 PARAMETERS = (
     Spec('robot_file', '', 'Path of the robot file.', read_only=True),
@@ -64,6 +65,7 @@ class SamplerNode(Node):
         is_simulated = self.get_parameter('use_sim_time').value
         # Before `state`, by which the selector knows who needs no relay.
         self._selected_state = SelectedState(self, self._robot, settings, is_simulated)
+        self._saving = TopicSaving(self, self._sampler.saving) if self._robot.saving else None
         self._state_publisher = self.create_publisher(JointState, 'state', STREAM_QOS)
         self._action_publisher = None
         if self._robot.action_names:
@@ -95,11 +97,22 @@ class SamplerNode(Node):
         self._selected_state.apply()
 
     def _discover(self) -> None:
-        """Subscribe to the topics whose type is known by now, anew where it has changed."""
+        """Subscribe to the topics whose type is known by now, anew where it has changed.
+
+        And to those that are switched off no longer.
+        """
+        off = self._sampler.saving.off
+        if self._saving is not None:
+            self._saving.tell()
         types = self._robot.types or {}
         for topic in self._robot.topics:
             subscription = self._subscriptions_by_topic.get(topic)
-            if subscription is None:
+            if topic in off:
+                if subscription is not None:
+                    subscription.destroy()
+                    del self._subscriptions_by_topic[topic]
+                self._problems.pop(topic, None)
+            elif subscription is None:
                 self._subscribe(topic, types.get(topic))
             elif subscription.clashes and not subscription.publishers and topic not in types:
                 # The next look subscribes anew: until then the old type is not given up.
@@ -128,7 +141,7 @@ class SamplerNode(Node):
         except RuntimeError as error:  # Of the middleware, which may still hold another type.
             self._problems[topic] = f'no subscription to {name}: {error}'
             return
-        del self._problems[topic]
+        self._problems.pop(topic, None)
 
     def _on_clock(self, message: ClockTime) -> None:
         self._simulated = conversions.stamp_to_nanoseconds(message.clock)
@@ -142,6 +155,8 @@ class SamplerNode(Node):
             # that ask for the message's info.
             received = self._simulated or self.get_clock().now().nanoseconds
             self._selected_state.take(topic, message, received)
+            if self._saving is not None:
+                self._saving.take(topic, message)
             steps = self._sampler.add(topic, message, received)
         except Exception as error:  # A message of whatever type must not end the node.
             self._sampler.note_wrong(topic, f'{type(error).__name__}: {error}')
@@ -177,12 +192,11 @@ class SamplerNode(Node):
                     self.get_logger().error(problem)
         for line in self._status.news():
             self.get_logger().warning(line)
+        statuses = [*self._status.statuses(problems), self._selected_state.status()]
+        if self._saving is not None:
+            statuses.append(self._saving.status())
         self._diagnostics_publisher.publish(
-            diagnostics.diagnostic_array(
-                self.get_clock().now().to_msg(),
-                *self._status.statuses(problems),
-                self._selected_state.status(),
-            )
+            diagnostics.diagnostic_array(self.get_clock().now().to_msg(), *statuses)
         )
 
 

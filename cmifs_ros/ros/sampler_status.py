@@ -42,6 +42,7 @@ class SamplerStatus:
     def __init__(self, name: str, sampler: Sampler, max_ages: Mapping[str, float]):
         self._name, self._sampler, self._max_ages = name, sampler, max_ages
         self._heard_at: dict[str, float] = {}
+        self._off_at: dict[str, float] = {}  # When a topic was last seen to be switched off.
         self._past: deque[dict] = deque(maxlen=_WINDOW)
         self._stepping_at: float | None = None
         self._told: Counter = Counter()  # What steps have lacked, when that was last looked at.
@@ -103,6 +104,8 @@ class SamplerStatus:
             shown = '; '.join(f'{count} lack {what}' for what, count in causes)
             level = diagnostics.WARN
             message = f'of the last {counted(moments, "step")}, {shown}; they break episodes'
+        elif sampler.away:
+            message = f'no steps to learn from without {listed(sorted(sampler.away))}'
         elif problem := sampler.ends.problem():
             level, message = diagnostics.WARN, problem
         elif problems:
@@ -126,11 +129,16 @@ class SamplerStatus:
         return diagnostics.status(f'{self._name}: steps', level, message, values)
 
     def _topic(self, topic: str, now: dict, past: dict, seconds: float, problem: str):
-        age = now['time'] - self._heard_at.get(topic, -math.inf)
+        if is_off := topic in self._sampler.saving.off:
+            self._off_at[topic] = now['time']
+        spoke = self._heard_at.get(topic, -math.inf)
+        age = now['time'] - max(spoke, self._off_at.get(topic, -math.inf))
         is_silent = age > max(_SILENCE, self._max_ages[topic])
         fresh = {key: now[key][topic] - past[key][topic] for key in ('late', 'wrong')}
         level, message = diagnostics.OK, 'received'
-        if problem:
+        if is_off:
+            message = 'switched off'
+        elif problem:
             level, message = diagnostics.STALE if is_silent else diagnostics.WARN, problem
         elif is_silent:
             level, message = (

@@ -9,6 +9,10 @@ import time
 from cmifs_ros.collect.episodes.drift import Drift
 from cmifs_ros.core import Episode
 from cmifs_ros.core.selection import Selection
+from cmifs_ros.core.words import listed
+
+#: Characters of a doubt: an attempt may have failed with a long error.
+_MAX_DOUBT = 500
 
 
 class SelectionInUse:
@@ -69,6 +73,13 @@ class SelectionInUse:
     def forget_data(self) -> None:
         """Compare no further episodes with those that it was made from."""
         self._drift = None
+
+    def doubt(self, attempt: str) -> str:
+        """Return what speaks against it: that the data have changed, or the last attempt."""
+        changed = self.changed()
+        if not changed:
+            return attempt[:_MAX_DOUBT]
+        return f'the data have changed since the selection: {listed(changed)}'
 
     def changed(self) -> list[str]:
         """Return the channels, or 'the reward', that no longer look as they did."""

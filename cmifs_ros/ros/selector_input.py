@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import time
 from array import array
@@ -13,18 +14,20 @@ from functools import partial
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Header
+from std_msgs.msg import Header, String
 
 from cmifs_ros.collect.discount import Discount
 from cmifs_ros.collect.episodes.buffer import EpisodeBuffer
 from cmifs_ros.collect.episodes.input_watch import InputWatch, Topic
 from cmifs_ros.collect.episodes.pairing import EpisodeAssembler, RewardSample
 from cmifs_ros.collect.episodes.reward_reader import RewardReader
+from cmifs_ros.collect.selection_fields import list_of
 from cmifs_ros.core import Episode
 from cmifs_ros.core.words import counted
 
 from . import conversions, diagnostics
 from .following_subscription import FollowingSubscription
+from .qos import LATCHED_QOS
 from .selector_parameters import MEGABYTE, parse_fields
 
 #: States of other channels in a row after which a robot counts as started anew.
@@ -76,6 +79,8 @@ class SelectorInput:
         self._is_reward_announced = False
         self._num_foreign = 0
         self._last_at = dict.fromkeys(('state', 'reward', 'action'), -math.inf)
+        self._switched_off: list[str] = []  # Topics, by the sampler.
+        node.create_subscription(String, 'switched_off', self._take_switched_off, LATCHED_QOS)
         self.assembler.actions.are_published = self._has_actor
         self.apply()
         self._subscriptions = {
@@ -143,7 +148,7 @@ class SelectorInput:
             for name, subscription in self._subscriptions.items()
         }
         self._take(self.assembler.actions.look, now)
-        for line in self._watch.look(now, topics):
+        for line in self._watch.look(now, topics, self._switched_off):
             self._node.get_logger().warning(line)
         values = {
             'episodes': len(self._buffer),
@@ -165,6 +170,12 @@ class SelectorInput:
         found = self._watch.assessment
         name = f'{self._node.get_fully_qualified_name().lstrip("/")}: input'
         return diagnostics.status(name, getattr(diagnostics, found.level), found.message, values)
+
+    def _take_switched_off(self, msg: String) -> None:
+        try:
+            self._switched_off = [str(topic) for topic in list_of(json.loads(msg.data))]
+        except (ValueError, TypeError, RecursionError) as error:
+            self._node.get_logger().warning(f'switched_off cannot be read: {error}')
 
     def _take_state(self, msg: JointState) -> None:
         self._last_at['state'] = time.monotonic()

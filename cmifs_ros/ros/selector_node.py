@@ -333,12 +333,25 @@ class SelectorNode(Node):
             horizon=self._settings['min_episodes'],
         )
         self._relay.use(self._in_use)
-        self._selection_publisher.publish(String(data=json.dumps(fields_of(selection))))
+        self._publish_selection()
         self._indices_publisher.publish(conversions.indices_to_msg(selection.indices))
         header = Header(stamp=self.get_clock().now().to_msg())
         self._scores_publisher.publish(
             conversions.named_values_to_msg(header, selection.ranking, selection.scores)
         )
+
+    def _publish_selection(self) -> None:
+        fields = fields_of(self._in_use.selection)
+        self._selection_publisher.publish(String(data=json.dumps(fields)))
+
+    def _tell_doubt(self) -> None:
+        """Publish the selection again when something speaks against it, or nothing does again."""
+        if self._in_use is None:
+            return
+        doubt = self._in_use.doubt(self._attempt[1])
+        if doubt != self._in_use.selection.doubt:
+            self._in_use.selection = dataclasses.replace(self._in_use.selection, doubt=doubt)
+            self._publish_selection()
 
     # --- storage
 
@@ -405,6 +418,7 @@ class SelectorNode(Node):
 
     def _report(self) -> None:
         self._log_count()
+        self._tell_doubt()
         statuses = [self._input.report(), self._selection_status()]
         if self._storage is not None:
             statuses.append(self._storage.report(self._status_name('storage')))

@@ -67,12 +67,11 @@ def selection(
         values['selected_state comes from'] = sampler
     level, message = attempt
     if level != diagnostics.ERROR and in_use is not None:
-        changed = in_use.changed()
+        doubt = in_use.doubt('')
         if relay.is_lacking:
             level, message = diagnostics.WARN, 'the newest state lacks a selected channel'
-        elif changed:
-            level = diagnostics.WARN
-            message = f'the data have changed since the selection: {listed(changed)}'
+        elif doubt:
+            level, message = diagnostics.WARN, doubt
         elif message:
             message = f'{headline(in_use.selection)}; since then: {message}'
         else:

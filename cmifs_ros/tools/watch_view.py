@@ -29,7 +29,7 @@ _NAME_WIDTH = 24
 #: Characters that a line of text holds at least, of 80 columns.
 _LEAST_WIDTH = 60
 #: What the sampler says of its steps, beside what it says of each topic.
-_STEPS = 'steps'
+_STEPS, _SAVING = 'steps', 'saving'
 _MAX_BAD_TOPICS, _MAX_TOPICS = 4, 12
 _MAX_REASON = 200
 
@@ -148,7 +148,10 @@ def _sampler_lines(snapshot: Snapshot):
             f'{counted(steps.values.get("steps", "?"), "step")}, '
             f'{steps.values.get("steps per s", "?")} per s'
         )
-    topics = [(what, said) for what, said in snapshot.sampler.items() if what != _STEPS]
+    if _SAVING in snapshot.sampler:
+        yield from _saving_lines(snapshot.sampler[_SAVING])
+    said_of = snapshot.sampler.items()
+    topics = [(what, said) for what, said in said_of if what not in (_STEPS, _SAVING)]
     most = _MAX_TOPICS
     if snapshot.selector:
         topics, most = [(what, said) for what, said in topics if said.level > 0], _MAX_BAD_TOPICS
@@ -157,6 +160,21 @@ def _sampler_lines(snapshot: Snapshot):
         yield Text.assemble(_plain(topic), ' ', _headline(said))
     if len(topics) > most:
         yield Text(f'and {counted(len(topics) - most, "more topic")}')
+
+
+def _saving_lines(saving: Status):
+    yield Text.assemble('saving ', _headline(saving))
+    values = saving.values
+    if values.get('messages saved', '0') != '0':
+        yield _plain(
+            f'saved so far: {values["messages saved"]} messages, {values.get("bytes saved", "?")}'
+        )
+        for key, value in values.items():
+            if key.startswith('saved: '):
+                yield _plain(f'{key.removeprefix("saved: ")} {value.partition(";")[0]}')
+    cpu = [f'{values[key]} {key[4:]}' for key in values if key.startswith('CPU ')]
+    if cpu:
+        yield _plain(f'CPU: {", ".join(cpu)}')
 
 
 def _input_lines(snapshot: Snapshot):

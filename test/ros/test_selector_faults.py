@@ -12,11 +12,12 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64
+from std_msgs.msg import Float64, String
 
 from cmifs_ros.collect.episodes.pairing import RewardSample
 from cmifs_ros.core import Episode
 from cmifs_ros.ros import conversions
+from cmifs_ros.ros.qos import LATCHED_QOS
 from studies.soak.messages import random_reward, random_state
 
 NAMES = ('a', 'b', 'c')
@@ -347,9 +348,15 @@ def test_data_that_have_changed_since_the_selection_turn_it_to_warn(selector, ro
     stamp = robot.publish_episodes(normal_episodes(30, seed=1), NAMES, begin=stamp)
     robot.wait_for_episodes(54)
     assert robot.diagnostics[SELECTION][0] == OK
+    doubts = []
+    robot.node.create_subscription(
+        String, 'selection', lambda m: doubts.append(json.loads(m.data)['doubt']), LATCHED_QOS
+    )
     stamp = robot.publish_episodes(normal_episodes(30, [0.0, 5.0, 0.0], seed=2), NAMES, begin=stamp)
     robot.until(lambda: robot.diagnostics[SELECTION][0] == WARN)
-    assert robot.diagnostics[SELECTION][1] == 'the data have changed since the selection: b'
+    said = 'the data have changed since the selection: b'
+    assert robot.diagnostics[SELECTION][1] == said
+    robot.until(lambda: doubts == ['', said])
     assert robot.call(robot.select_client).success
     robot.until(lambda: robot.diagnostics[SELECTION][0] == OK)
 

@@ -131,6 +131,26 @@ def test_the_sampler_is_shown_with_the_topics_that_are_not_well():
     )  # fmt: skip
 
 
+def test_what_saving_has_switched_off_and_saves_is_shown():
+    values = {
+        'messages saved': '1234', 'bytes saved': '5 kB', 'CPU with all topics': '9.0% of a core',
+        'CPU while saving': '4.0% of a core', 'saved: /imu': '100 messages/s, 3 kB/s; so far 1',
+    }  # fmt: skip
+    saving = Status(0, 'switched off: /imu; on again after 7 episodes', values)
+    lines = [
+        ' '.join(line.split())
+        for line in text_of(snapshot(sampler={'saving': saving})).splitlines()
+    ]
+    i = lines.index('sampler saving ok switched off: /imu; on again after 7 episodes')
+    assert lines[i + 1 : i + 4] == [
+        'saved so far: 1234 messages, 5 kB',
+        '/imu 100 messages/s, 3 kB/s',
+        'CPU: 9.0% of a core with all topics, 4.0% of a core while saving',
+    ]
+    begun = Status(0, 'all topics are on: none can go', {'messages saved': '0'})
+    assert 'saved so far' not in text_of(snapshot(sampler={'saving': begun}))
+
+
 def test_long_names_are_shown_by_both_ends_and_push_no_column_away():
     names = [f'/front_lidar/scan/ranges/of_the_left_side[{i}]' for i in range(12)]
     text = text_of(snapshot(*(sensor(n, pvalue=1.2e-18, status='confirmed') for n in names)))

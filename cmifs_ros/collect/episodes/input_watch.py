@@ -82,8 +82,13 @@ class InputWatch:
         self._logged_at = -math.inf
         self._said_cut = self._said_repeated = self._said_partly_acting = False
 
-    def look(self, now: float, topics: Mapping[str, Topic]) -> list[str]:
-        """Assess the input at a time in seconds; return new messages worth a warning."""
+    def look(
+        self, now: float, topics: Mapping[str, Topic], switched_off: Sequence[str] = ()
+    ) -> list[str]:
+        """Assess the input at a time in seconds; return new messages worth a warning.
+
+        While a sampler has switched topics off, it is no problem that no states come.
+        """
         counts = self._counted()
         self._counts.append((now, counts, self._assembler.reader.num_switches))
         while len(self._counts) > 2 and self._counts[1][0] < now - _MEMORY:
@@ -98,6 +103,10 @@ class InputWatch:
         if not (self._is_unmatched and was_unmatched):
             distance = None
         self.assessment = self._assess(topics, counts, distance)
+        if switched_off and self.assessment.kind == 'silent' and topics['state'].publishers:
+            what = f'no episodes to learn from while {listed(switched_off)} '
+            what += 'is switched off' if len(switched_off) == 1 else 'are switched off'
+            self.assessment = Assessment('OK', 'none', what)
         lines = []
         if self.assessment.kind in _LOGGED - {self._logged_kind}:
             lines.append(self.assessment.message)

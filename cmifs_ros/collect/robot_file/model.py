@@ -116,6 +116,26 @@ class Source:
 
 
 @dataclass(frozen=True)
+class SavingCycle:
+    """When topics that are not needed are switched off, and when they come back.
+
+    Attributes
+    ----------
+    after : int
+        Selections in a row that have to agree.
+    explore_every : int
+        Episodes with topics switched off, after which all come back
+    explore_episodes : int
+        for so many whole episodes.
+
+    """
+
+    after: int = 3
+    explore_every: int = 50
+    explore_episodes: int = 10
+
+
+@dataclass(frozen=True)
 class RobotFile:
     """What a robot file says.
 
@@ -140,6 +160,8 @@ class RobotFile:
         What tells which robot a bag is of: one of `SOURCES`.
     target : str or None
         What sensors are selected for: one of `TARGETS`, if the file says so.
+    saving : SavingCycle or None
+        None: no topic is ever switched off.
 
     """
 
@@ -155,6 +177,7 @@ class RobotFile:
     discount: Discount | None = None
     source: str = 'none'
     target: str | None = None
+    saving: SavingCycle | None = None
 
     @property
     def channel_names(self) -> tuple[str, ...]:

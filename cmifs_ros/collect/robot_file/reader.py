@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
 from pathlib import Path
 
@@ -23,6 +24,7 @@ from .model import (
     SOURCES,
     VALUE,
     RobotFile,
+    SavingCycle,
     Source,
 )
 from .source_reader import SourceReader
@@ -40,6 +42,7 @@ _NEEDED = {
 _ACTIONS = {'actions': 'what the robot does, each as name: /topic.field'}
 _KEYS = (
     'step', 'channels', 'actions', 'values', 'reward', 'episode', 'discount', 'source', 'target',
+    'saving',
 )  # fmt: skip
 
 
@@ -144,6 +147,14 @@ class _FileReader(SourceReader):
             gamma, self.number(found.get('half_life'), 'discount.half_life', 0.001, 10**9)
         )
 
+    def _saving(self, node, top: dict) -> SavingCycle:
+        names = [field.name for field in dataclasses.fields(SavingCycle)]
+        found = self.mapping(node, 'saving', tuple(names))
+        if 'episode' not in top:
+            self.note(node, 'saving stands without episode, by which it counts; add episode')
+        numbers = {n: self.number(found.get(n), f'saving.{n}', 1, 10**6) for n in names}
+        return SavingCycle(**{name: int(n) for name, n in numbers.items() if n is not None})
+
     def _sources(self, top: dict) -> tuple[list[Source | None], set[str]]:
         """Return all sources, None where one has a mistake, and the names of all."""
         sources, keys = [], set()
@@ -196,12 +207,13 @@ class _FileReader(SourceReader):
         action = self.path(episode['action'], 'episode.action') if 'action' in episode else None
         steps = self.number(episode.get('steps'), 'episode.steps', 1, 10**6)
         discount = self._discount(top['discount']) if 'discount' in top else None
+        saving = self._saving(top['saving'], top) if 'saving' in top else None
         if self.mistakes:
             return None
         return RobotFile(
             clock, rate, found, reward, terminated, truncated,
             action.topic if action else None, steps and int(steps), self.types, discount, source,
-            target,
+            target, saving,
         )  # fmt: skip
 
 

@@ -25,6 +25,7 @@ from .event_order import CLOCK_SET, SECOND, EventOrder, Moment
 from .held_values import HeldValues
 from .message_reader import MessageReader
 from .missing_values import MissingValues
+from .saving import Saving
 from .step import SilentTail, Step
 from .taken_actions import TakenActions
 
@@ -68,6 +69,12 @@ class Sampler:
         Steps made.
     num_between : int
         Moments at which no episode could begin, as what had ended the one before still held.
+    saving : Saving
+        Which topics are switched off.
+    away : dict of str to float
+        Those that are, or were and have not spoken since; with the time from which on one counts
+        again, if that is known. An episode that begins without one is not learned from: no steps
+        are made.
 
     """
 
@@ -80,6 +87,8 @@ class Sampler:
         self.last_wrong = self._order.last_wrong
         self.received: Counter[str] = Counter()
         self.missing = MissingValues(robot.sources, self.received)
+        self.saving = Saving(robot)
+        self.away: dict[str, float] = {}
         self.ends = EndCounts()
         self._end = EpisodeEnds(robot)
         self.num_moments = 0
@@ -95,6 +104,7 @@ class Sampler:
         self._held.begin_anew()
         self._actions.begin_anew()
         self.missing.forget_times()
+        self.away = dict.fromkeys(self.away, math.inf)
         self._end.begin_anew()
         self._last_time: int | None = None  # Of the newest message that was worked through.
         self._is_news = False  # Whether one was since the last step.
@@ -108,6 +118,7 @@ class Sampler:
         self._step = 0
         self._lacking: set[str] = set()  # What its steps lacked.
         self._num_whole = 0
+        self._is_learned = not self.away
         self._tail: SilentTail | None = None
         self._begin_step()
 
@@ -135,6 +146,8 @@ class Sampler:
         if content is None:
             return []
         time = received if stamp is None else stamp
+        if self.away.get(topic) == math.inf and topic not in self.saving.off:
+            self.away[topic] = time
         return self._work(self._order.add(topic, time, stamp is not None, content))
 
     def set_clock(self, now: int) -> list[Step]:
@@ -177,6 +190,8 @@ class Sampler:
         for message in moment.messages:
             content = message.content
             self.missing.heard(message.topic, time, content.values)
+            if self.away.get(message.topic, math.inf) <= time:
+                del self.away[message.topic]
             self._held.hear(time, content.values)
             self._actions.hear(time, content.values)
             if content.reward is not None:
@@ -233,8 +248,12 @@ class Sampler:
         values |= {'step': float(self._step)} | self._end.goal_ends
         has_ended = self._end.look(values, before, is_open=True)
         reward = self._reward(values, before)
-        steps = self._transition(left, action.values, reached, reward, has_ended)
+        steps = []
+        if self._is_learned:
+            steps = self._transition(left, action.values, reached, reward, has_ended)
         if has_ended:
+            self.saving.end_episode(self._is_learned and not self._lacking)
+            self.away |= dict.fromkeys(self.saving.off, math.inf)
             self._episode += 1
             self._before = values | _OWN
             self._end.forget_events()
@@ -312,7 +331,8 @@ class Sampler:
         for source in self._held.sources:
             held, cause = self._held.of(source, time)
             if cause is not None:
-                self.missing.counts[source.name, cause] += 1
+                if source.path.topic not in self.away:
+                    self.missing.counts[source.name, cause] += 1
                 values |= dict.fromkeys((source.name, *source.names), math.nan)
                 if source.role == CHANNEL:
                     lacking.append(source)

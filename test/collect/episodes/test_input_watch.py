@@ -39,3 +39,17 @@ def test_of_a_silent_topic_it_tells_whether_anybody_publishes_it():
     missing = 'states come, but no reward for 5 s'
     assert said(Topic(0.0, publishers=talker), Topic()) == f'{missing}; nobody publishes it'
     assert said(Topic(0.0, publishers=talker), Topic(publishers=talker)) == missing
+
+
+def test_while_topics_are_switched_off_silence_is_no_problem():
+    watch = InputWatch(EpisodeAssembler(max_episode_steps=3), EpisodeBuffer())
+
+    def found(*switched_off, publishers=('/sampler',)):
+        silent = Topic(60.0, publishers=publishers)
+        watch.look(0.0, {'state': silent, 'reward': silent}, switched_off)
+        return watch.assessment.level, watch.assessment.message
+
+    assert found() == ('STALE', 'no state for 60 s')
+    assert found('/imu') == ('OK', 'no episodes to learn from while /imu is switched off')
+    assert found('/imu', '/scan')[1].endswith('while /imu, /scan are switched off')
+    assert found('/imu', publishers=()) == ('STALE', 'no state for 60 s; nobody publishes it')

@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: Apache-2.0
+
+"""Which topics are switched off while a selection stands, and when they come back."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+
+from cmifs_ros.collect.advice import advice_of
+from cmifs_ros.collect.robot_file.model import RobotFile
+from cmifs_ros.core.selection import Selection
+from cmifs_ros.core.words import counted, listed
+
+
+class Saving:
+    """Switch topics off at the end of an episode, and on again at any time.
+
+    A topic can go when all its channels are dispensable, by each of the last `after` selections,
+    which agree in what is selected; unless actions, steps, the reward or ends of episodes need it,
+    or it is latched: it speaks rarely, and what it said last would be lost.
+
+    Parameters
+    ----------
+    robot : RobotFile
+        Without `saving` nothing is ever switched off.
+
+    Attributes
+    ----------
+    off : frozenset of str
+        The topics that are switched off.
+
+    """
+
+    def __init__(self, robot: RobotFile):
+        self._cycle = robot.saving
+        self._topics = robot.channel_topics
+        latched = {s.path.topic for s in robot.sources if s.max_age == math.inf}
+        self._needed = latched.union(robot.topics_for(()))
+        self._number: int | None = None  # of the newest selection
+        self._selected: frozenset[str] = frozenset()
+        #: By each selection since the selected channels changed, the topics that can go.
+        self._can_go: deque[frozenset[str]] = deque(maxlen=self._cycle.after if self._cycle else 1)
+        self._cause = ''
+        self._num_episodes = 0  # whole ones while all is on; any ones while topics are off
+        self.off: frozenset[str] = frozenset()
+
+    def select(self, selection: Selection) -> None:
+        """Take a selection in use, which may come again with a doubt about it."""
+        if self._cycle is None:
+            return
+        is_new = selection.number != self._number
+        is_other = set(selection.names) != self._selected
+        if selection.doubt or is_other or (is_new and selection.outdated):
+            self._can_go.clear()
+        if is_new and not selection.doubt:
+            found = {item.name for item in advice_of(selection, self._topics).can_go}
+            self._can_go.append(frozenset(found - self._needed))
+        self._number, self._selected = selection.number, frozenset(selection.names)
+        if not self.off <= self._agreed():
+            self.explore(selection.doubt or 'the selection has changed')
+
+    def explore(self, cause: str) -> None:
+        """Switch all topics on, for as many whole episodes as the robot file says."""
+        self.off, self._num_episodes, self._cause = frozenset(), 0, cause
+
+    def end_episode(self, is_whole: bool) -> None:
+        """Note the end of an episode; whole is one that has every channel at every step."""
+        if self._cycle is None:
+            return
+        self._num_episodes += is_whole or bool(self.off)
+        if self.off:
+            if self._num_episodes >= self._cycle.explore_every:
+                self.explore(f'after {counted(self._num_episodes, "episode")} without them')
+        elif self._num_episodes >= self._cycle.explore_episodes and self._agreed():
+            self.off, self._num_episodes = self._agreed(), 0
+
+    def _agreed(self) -> frozenset[str]:
+        """Return the topics that can go by as many selections as are asked for."""
+        if len(self._can_go) < self._cycle.after:
+            return frozenset()
+        return frozenset.intersection(*self._can_go)
+
+    def in_words(self) -> str:
+        """Return where the cycle is."""
+        cycle, count = self._cycle, self._num_episodes
+        if self.off:
+            left = counted(cycle.explore_every - count, 'episode')
+            return f'switched off: {listed(sorted(self.off))}; on again after {left}'
+        why = f' ({self._cause})' if self._cause else ''
+        if len(self._can_go) < cycle.after:
+            stood = f'{len(self._can_go)} of {cycle.after}'
+            return f'all topics are on{why}: the selection has stood {stood} times'
+        if not self._agreed():
+            return f'all topics are on{why}: none can go'
+        whole = f'{count} of {counted(cycle.explore_episodes, "whole episode")}'
+        return f'all topics are on{why}: {whole}'
