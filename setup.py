@@ -31,7 +31,7 @@ setup(
     extras_require={
         'bags': ['rosbags>=0.11,<0.12', 'mcap', 'zstandard'],
         'cluster': ['distributed', 'joblib>=1.4'],
-        'peers': ['ennemi', 'scikit-learn', 'boruta'],
+        'peers': ['ennemi', 'scikit-learn', 'boruta', 'hidimstat'],
         'tasks': ['gymnasium[mujoco]>=1.0', 'ir-sim'],
         'test': ['pytest', 'hypothesis', 'pexpect'],
         'threads': ['threadpoolctl'],

@@ -33,6 +33,7 @@ OPTIONAL = {
     'distributed': ('cluster', 'distributed'),
     'ennemi': ('peers', 'ennemi'),
     'gymnasium': ('tasks', 'gymnasium'),
+    'hidimstat': ('peers', 'hidimstat'),
     'mcap': ('bags', 'mcap'),
     'rosbags': ('bags', 'rosbags'),
     'sklearn': ('peers', 'scikit-learn'),

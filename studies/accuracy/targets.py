@@ -18,10 +18,13 @@ from importlib.util import find_spec
 import numpy as np
 
 from cmifs_ros.core import ConditionalMISelector, Episode
+from cmifs_ros.core.returns import discounted_returns
 from cmifs_ros.core.shadows import exchange
 from cmifs_ros.core.targets import ACTION, DECISION, RETURN, TARGETS
 from cmifs_ros.tools.program import CommandError, exit_code
+from studies.methods.conditional_importance import conditional_selection
 from studies.methods.forests import forest_importance
+from studies.methods.knockoffs import sequential_knockoffs
 from studies.methods.recursive_forests import recursive_selection
 from studies.tasks.control import CONTROL_WORLDS, rollout_control
 from studies.trials.arguments import add_log, add_names, study_parser
@@ -31,10 +34,20 @@ from studies.trials.statistics import mean_and_error
 from studies.trials.tables import markdown_table
 from studies.trials.trial import Outcome, Results, Trial
 
+_GAMMA = 0.95
 #: What else is asked of a world, beside the targets themselves: each by a name in the log.
 SHUFFLED = {f'{target}_shuffled': target for target in TARGETS}
-WARNING, RECURSIVE, FOREST, FOREST_OF_ACTION = 'warning', 'recursive', 'forest', 'forest_of_action'
-PEERS = (RECURSIVE, FOREST, FOREST_OF_ACTION)
+WARNING = 'warning'
+RECURSIVE, KNOCKOFFS = 'recursive', 'knockoffs'
+FOREST, FOREST_OF_ACTION = 'forest', 'forest_of_action'
+CONDITIONAL, CONDITIONAL_OF_ACTION = 'conditional', 'conditional_of_action'
+#: By the package that they need.
+PEERS = {
+    'sklearn': (RECURSIVE, FOREST, FOREST_OF_ACTION),
+    'hidimstat': (KNOCKOFFS, CONDITIONAL, CONDITIONAL_OF_ACTION),
+}
+#: What is asked of a skilled controller.
+SKILLED = (ACTION, WARNING, FOREST_OF_ACTION, CONDITIONAL_OF_ACTION)
 #: The share of exact trials that is asked for.
 ASKED = {
     **dict.fromkeys(((w, RETURN) for w in ('match', 'secret_key', 'toy', 'autoregressive')), 90),
@@ -50,28 +63,35 @@ def questions(world: str) -> list[str]:
     wanted = [*dict.fromkeys((RETURN, *CONTROL_WORLDS[world].needed_for)), *SHUFFLED]
     if is_without_effect:
         return wanted
-    return [*wanted, WARNING, *(PEERS if find_spec('sklearn') else ())]
+    peers = [peer for package, peers in PEERS.items() if find_spec(package) for peer in peers]
+    return [*wanted, WARNING, *peers]
 
 
 def run_target(trial: Trial) -> Outcome:
     """Return the channels found; of a warning, a single number if there is one."""
-    is_skilled = SHUFFLED.get(trial.method, trial.method) in (ACTION, WARNING, FOREST_OF_ACTION)
+    is_skilled = SHUFFLED.get(trial.method, trial.method) in SKILLED
     episodes = rollout_control(trial.scenario, trial.episodes, trial.seed, is_skilled=is_skilled)
     start = time.perf_counter()
-    if trial.method == RECURSIVE:
-        found = recursive_selection(episodes, trial.seed)
-    elif trial.method == FOREST:
-        found = _by_importance(episodes, trial.seed)
-    elif trial.method == FOREST_OF_ACTION:
-        # What is learned from the channels is the action, as if each step were an episode.
-        steps = [
-            Episode(state[None], action[:1])
-            for episode in episodes
-            for state, action in zip(episode.states, episode.actions, strict=True)
-        ]
-        found = _by_importance(steps, trial.seed)
-    else:
-        found = _by_ours(trial, episodes)
+    with warnings.catch_warnings():
+        warnings.simplefilter('ignore', UserWarning)  # Ours are in `warnings_`.
+        if trial.method == RECURSIVE:
+            found = recursive_selection(episodes, trial.seed)
+        elif trial.method == KNOCKOFFS:
+            found = sequential_knockoffs(episodes, trial.seed)
+        elif trial.method == FOREST:
+            found = _by_importance(episodes, trial.seed)
+        elif trial.method == FOREST_OF_ACTION:
+            # What is learned from the channels is the action, as if each step were an episode.
+            steps = [
+                Episode(state[None], action[:1])
+                for episode in episodes
+                for state, action in zip(episode.states, episode.actions, strict=True)
+            ]
+            found = _by_importance(steps, trial.seed)
+        elif trial.method in (CONDITIONAL, CONDITIONAL_OF_ACTION):
+            found = _by_conditional_importance(trial, episodes)
+        else:
+            found = _by_ours(trial, episodes)
     return Outcome(trial, tuple(found), time.perf_counter() - start)
 
 
@@ -81,9 +101,7 @@ def _by_ours(trial: Trial, episodes: list[Episode]) -> list[int]:
         episodes = [Episode(s, e.rewards, e.actions) for s, e in zip(states, episodes, strict=True)]
     target = RETURN if trial.method == WARNING else SHUFFLED.get(trial.method, trial.method)
     selector = ConditionalMISelector(target=target, random_state=trial.seed)
-    with warnings.catch_warnings():
-        warnings.simplefilter('ignore', UserWarning)  # They are in `warnings_`.
-        selector.fit(episodes, CONTROL_WORLDS[trial.scenario].channel_names)
+    selector.fit(episodes, CONTROL_WORLDS[trial.scenario].channel_names)
     if trial.method == WARNING:
         return [1] if any("target 'action'" in text for text in selector.warnings_) else []
     return selector.get_support(indices=True).tolist()
@@ -93,6 +111,20 @@ def _by_importance(episodes: list[Episode], seed: int) -> list[int]:
     """Return all channels, the most important one first."""
     sensors = [(c,) for c in range(episodes[0].num_channels)]
     return np.argsort(-forest_importance(episodes, sensors, seed, 1)).tolist()
+
+
+def _by_conditional_importance(trial: Trial, episodes: list[Episode]) -> list[int]:
+    """Return the channels that predict the action, or beside action and step the return."""
+    states = np.concatenate([e.states for e in episodes])
+    actions = np.concatenate([e.actions for e in episodes])
+    numbers = np.repeat(np.arange(len(episodes)), [len(e) for e in episodes])
+    sensors = [(c,) for c in range(states.shape[1])]
+    if trial.method == CONDITIONAL_OF_ACTION:
+        return conditional_selection(states, actions[:, 0], numbers, sensors, trial.seed)
+    steps = np.concatenate([np.arange(len(e)) for e in episodes])
+    returns = np.concatenate([discounted_returns(e.rewards, _GAMMA) for e in episodes])
+    inputs = np.column_stack([states, actions, steps])
+    return conditional_selection(inputs, returns, numbers, sensors, trial.seed)
 
 
 def exact(results: Results, world: str, method: str, target: str) -> str:
@@ -121,14 +153,18 @@ def table_of_targets(worlds: list[str], results: Results) -> str:
             for target in (RETURN, *of_world.needed_for)
         }
         for target, needed in of_world.needed_for.items():
-            forest = FOREST_OF_ACTION if target == ACTION else FOREST
+            if target == ACTION:
+                peers = '', '', CONDITIONAL_OF_ACTION, FOREST_OF_ACTION
+            elif target == RETURN:
+                peers = RECURSIVE, KNOCKOFFS, CONDITIONAL, FOREST
+            else:
+                peers = RECURSIVE, KNOCKOFFS, '', FOREST
             asked = f'>= {ASKED[world, target]} %' if (world, target) in ASKED else 'to see'
             rows.append(
                 (
                     *(world, of_world.num_episodes, target, ', '.join(needed) or 'nothing'),
                     *(asked, exact(results, world, target, target)),
-                    exact(results, world, RECURSIVE, target) if target != ACTION else '',
-                    exact(results, world, forest, target),
+                    *(exact(results, world, peer, target) for peer in peers),
                     f'{seconds[target]:.1f}',
                     f'{seconds[target] / seconds[RETURN]:.1f} (<= {1 + len(needed)})'
                     if target == DECISION
@@ -137,7 +173,8 @@ def table_of_targets(worlds: list[str], results: Results) -> str:
             )
     head = (
         *('world', 'episodes', 'target', 'needed', 'asked', 'ours, exactly'),
-        *('recursive extra trees, exactly', 'extra trees, told the number'),
+        *('recursive extra trees, exactly', 'sequential knockoffs, exactly'),
+        *('conditional importance, exactly', 'extra trees, told the number'),
         *('seconds', 'relative to return (asked)'),
     )
     return markdown_table(head, rows)
