@@ -33,8 +33,10 @@ OPTIONAL = {
     'distributed': ('cluster', 'distributed'),
     'ennemi': ('peers', 'ennemi'),
     'gymnasium': ('tasks', 'gymnasium'),
+    'h5py': ('tables', 'h5py'),
     'hidimstat': ('peers', 'hidimstat'),
     'mcap': ('bags', 'mcap'),
+    'pyarrow': ('tables', 'pyarrow'),
     'rosbags': ('bags', 'rosbags'),
     'sklearn': ('peers', 'scikit-learn'),
     'threadpoolctl': ('threads', 'threadpoolctl'),
@@ -69,7 +71,7 @@ def test_core_sim_and_collect_know_no_ros():
     allowed = {
         'core': {'numpy', 'scipy', 'numba', 'threadpoolctl'},
         'sim': {'numpy', 'gymnasium'},
-        'collect': {'numpy', 'yaml', 'rosbags', 'mcap', 'zstandard'},
+        'collect': {'numpy', 'yaml', 'rosbags', 'mcap', 'zstandard', 'pyarrow', 'h5py'},
     }
     for folder, packages in allowed.items():
         for path in (ROOT / 'cmifs_ros' / folder).rglob('*.py'):
@@ -176,6 +178,22 @@ def test_the_example_of_the_readme_prints_what_the_readme_says():
     pytest.importorskip('gymnasium', reason='Gymnasium is not here')
     (said,) = re.findall(r"`(\['obs.*?\])`", (ROOT / 'README.md').read_text())
     assert output_of(python_of('README.md')).startswith(said)
+
+
+def test_the_examples_of_the_recordings_page_run_and_confirm_what_it_says(tmp_path, capsys):
+    for package in ('gymnasium', 'pandas', 'pyarrow'):
+        pytest.importorskip(package, reason=f'{package} is not here')
+    from cmifs_ros.tools.select_from_bag import main
+
+    page = (ROOT / 'docs' / 'recordings.md').read_text()
+    for code in re.findall(r'```python\n(.*?)```', page, re.S):
+        subprocess.run([sys.executable, '-c', code], cwd=tmp_path, check=True)
+    assert main([str(tmp_path / 'cart_pole.parquet'), '--out', str(tmp_path)]) == 0
+    row = re.compile(r'^ +\d +(\w+) .* (confirmed|dispensable) ', re.M)
+    shown = row.findall(page)
+    assert dict(row.findall(capsys.readouterr().out)) == dict(shown[:4])
+    (text,) = re.findall(r'```yaml\n(.*?)```', page, re.S)
+    assert parse_robot_file(text).channel_names == ('slip', 'battery')
 
 
 def test_the_robot_file_of_the_readme_is_one():

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""Episodes of several bags together: in the order of time, and what was recorded twice once."""
+"""Episodes of several recordings: in the order of time, and what was recorded twice once."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
-from cmifs_ros.collect.bag import BagEpisodes, BagError
 from cmifs_ros.collect.episodes.same_actions import with_same_actions
+from cmifs_ros.collect.recorded_episodes import RecordedEpisodes, RecordingError
 from cmifs_ros.core import Episode
 from cmifs_ros.core.words import counted
 
@@ -26,13 +26,13 @@ _OVERLAP = 0.05
 
 @dataclass
 class Pool:
-    """Episodes of several bags.
+    """Episodes of several recordings.
 
     Attributes
     ----------
     channel_names : tuple of str
     episodes : list of Episode
-        In the order of time of the bags, each with its source.
+        In the order of time of the recordings, each with its source.
     step_seconds : float
         The median time from one step to the next; NaN if no episode has two.
     notes : list of str
@@ -63,62 +63,52 @@ def source_of(path: str | Path, by: str) -> str:
     return {'none': '', 'bag': str(whole), 'folder': str(whole.parent)}[by]
 
 
-def pooled(bags: Sequence[tuple[str, BagEpisodes]], by: str = 'none') -> Pool:
-    """Return the episodes of bags together.
+def pooled(recordings: Sequence[tuple[str, RecordedEpisodes]], by: str = 'none') -> Pool:
+    """Return the episodes of recordings together.
 
-    A step counts once: an episode with a step that a bag before has, at the same time and with the
-    same values, is left out, as of a second recorder or of a trimmed copy.
+    A step counts once: an episode with a step that a recording before has, at the same time and
+    with the same values, is left out, as of a second recorder or of a trimmed copy. Where a
+    recording has no times, an episode that another one has as a whole is left out.
 
     Parameters
     ----------
-    bags : sequence of (str, BagEpisodes)
-        With their paths.
+    recordings : sequence of (str, RecordedEpisodes)
+        With their paths. Those without times come last, as they are given.
     by : str
         What tells the sources apart, see `source_of`.
 
     Raises
     ------
-    BagError
-        If the bags differ in their channels.
+    RecordingError
+        If the recordings differ in their channels or actions.
 
     """
     pool = Pool()
     kept: list[_Recorded] = []
-    with_episodes = [(path, bag) for path, bag in bags if bag.episodes]
-    steps = [np.diff(stamps) for _, bag in with_episodes for stamps in bag.stamps]
-    if sum(map(len, steps)):
-        pool.step_seconds = float(np.median(np.concatenate(steps))) / 1e9
-    for path, bag in sorted(with_episodes, key=lambda item: item[1].stamps[0][0]):
-        if bag.channel_names != (pool.channel_names or bag.channel_names):
-            raise BagError(f'{path} has other channels than {kept[0].path}; expected the same')
-        if pool.action_names and bag.action_names not in ((), pool.action_names):
-            raise BagError(f'{path} has other actions than {kept[0].path}; expected the same')
-        pool.channel_names = bag.channel_names
-        recorded = _Recorded(path, source_of(path, by), bag, [True] * len(bag.episodes))
-        repeated = np.zeros(len(recorded.stamps), bool)
-        for other in kept:
-            at_same_time, same = recorded.compared(other, pool.step_seconds * 1e9)
-            if same.sum() >= _SAME * at_same_time.sum() > 0:
-                repeated |= same
-                pool.notes.append(
-                    f'{path} has {counted(int(same.sum()), "step")} of {other.path} a second time'
-                )
-            elif at_same_time.mean() > _OVERLAP and recorded.source == other.source:
-                pool.notes.append(
-                    f'{path} and {other.path} overlap in time, with other values: of two robots, '
-                    'or two simulated runs, tell the sources apart (--source bag)'
-                )
-        is_kept = [not part.any() for part in np.split(repeated, recorded.ends[:-1])]
+    with_episodes = [(path, one) for path, one in recordings if one.episodes]
+    distances = np.concatenate([np.empty(0), *(one.distances for _, one in with_episodes)])
+    if len(distances):
+        pool.step_seconds = float(np.median(distances)) / 1e9
+    for path, one in sorted(with_episodes, key=lambda item: _begin(item[1])):
+        if one.channel_names != (pool.channel_names or one.channel_names):
+            raise RecordingError(
+                f'{path} has other channels than {kept[0].path}; expected the same'
+            )
+        if pool.action_names and one.action_names not in ((), pool.action_names):
+            raise RecordingError(f'{path} has other actions than {kept[0].path}; expected the same')
+        pool.channel_names = one.channel_names
+        recorded = _Recorded(path, source_of(path, by), one, [True] * len(one.episodes))
+        is_kept = recorded.not_in(kept, pool)
         if not all(is_kept):
             pool.notes.append(
                 f'{path}: {is_kept.count(False)} of {counted(len(is_kept), "episode")} left out, '
                 'as they were recorded twice'
             )
         if any(is_kept):
-            kept.append(_Recorded(path, recorded.source, bag, is_kept))
-            episodes = compress(bag.episodes, is_kept)
+            kept.append(_Recorded(path, recorded.source, one, is_kept))
+            episodes = compress(one.episodes, is_kept)
             pool.episodes += [replace(episode, source=recorded.source) for episode in episodes]
-            pool.action_names = pool.action_names or bag.action_names
+            pool.action_names = pool.action_names or one.action_names
     pool.episodes, note = with_same_actions(pool.episodes)
     pool.notes += [note] if note else []
     if pool.episodes and not pool.episodes[0].actions.size:
@@ -126,19 +116,46 @@ def pooled(bags: Sequence[tuple[str, BagEpisodes]], by: str = 'none') -> Pool:
     return pool
 
 
+def _begin(recording: RecordedEpisodes) -> float:
+    return float('inf') if recording.stamps is None else recording.stamps[0][0]
+
+
 class _Recorded:
-    """The steps of a bag's episodes, one after the other."""
+    """The steps of a recording's episodes, one after the other."""
 
-    def __init__(self, path: str, source: str, bag: BagEpisodes, which: Sequence[bool]):
+    def __init__(self, path: str, source: str, recording: RecordedEpisodes, which: Sequence[bool]):
         self.path, self.source = path, source
-        episodes = list(compress(bag.episodes, which))
-        self.stamps = np.concatenate(list(compress(bag.stamps, which)))
-        self.states = np.concatenate([episode.states for episode in episodes])
-        self.ends = np.cumsum([len(episode) for episode in episodes])
-        self._order = np.argsort(self.stamps, kind='stable')
+        self._episodes = list(compress(recording.episodes, which))
+        self._has_times = recording.stamps is not None
+        if self._has_times:
+            self._stamps = np.concatenate(list(compress(recording.stamps, which)))
+            self._states = np.concatenate([episode.states for episode in self._episodes])
+            self._order = np.argsort(self._stamps, kind='stable')
 
-    def compared(self, other: _Recorded, step: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return which steps another bag has a step beside, and which with the same values.
+    def not_in(self, others: Sequence[_Recorded], pool: Pool) -> list[bool]:
+        """Return which episodes no recording before has; add to the notes what is doubtful."""
+        if not self._has_times:
+            known = {_content(e) for other in others for e in other._episodes}
+            return [_content(episode) not in known for episode in self._episodes]
+        repeated = np.zeros(len(self._stamps), bool)
+        for other in (other for other in others if other._has_times):
+            at_same_time, same = self._compared(other, pool.step_seconds * 1e9)
+            if same.sum() >= _SAME * at_same_time.sum() > 0:
+                repeated |= same
+                pool.notes.append(
+                    f'{self.path} has {counted(int(same.sum()), "step")} of {other.path} a second '
+                    'time'
+                )
+            elif at_same_time.mean() > _OVERLAP and self.source == other.source:
+                pool.notes.append(
+                    f'{self.path} and {other.path} overlap in time, with other values: of two '
+                    'robots, or two simulated runs, tell the sources apart (--source bag)'
+                )
+        ends = np.cumsum([len(episode) for episode in self._episodes])
+        return [not part.any() for part in np.split(repeated, ends[:-1])]
+
+    def _compared(self, other: _Recorded, step: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return which steps another recording has a step beside, and which with the same values.
 
         Parameters
         ----------
@@ -151,14 +168,18 @@ class _Recorded:
         at_same_time, same : numpy.ndarray of bool, shape (steps,)
 
         """
-        times = other.stamps[other._order]
-        after = np.searchsorted(times, self.stamps)
-        at_same_time = np.zeros(len(self.stamps), bool)
-        same = np.zeros(len(self.stamps), bool)
+        times = other._stamps[other._order]
+        after = np.searchsorted(times, self._stamps)
+        at_same_time = np.zeros(len(self._stamps), bool)
+        same = np.zeros(len(self._stamps), bool)
         for place in (after - 1, after):
             neighbour = np.clip(place, 0, len(times) - 1)
-            is_near = abs(times[neighbour] - self.stamps) < step
+            is_near = abs(times[neighbour] - self._stamps) < step
             at_same_time |= is_near
-            values = other.states[other._order[neighbour]]
-            same |= is_near & (values == self.states).all(axis=1)
+            values = other._states[other._order[neighbour]]
+            same |= is_near & (values == self._states).all(axis=1)
         return at_same_time, same
+
+
+def _content(episode: Episode) -> tuple[bytes, ...]:
+    return tuple(a.tobytes() for a in (episode.states, episode.rewards, episode.actions))

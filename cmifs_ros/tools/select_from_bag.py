@@ -1,6 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""Select from recorded bags: `ros2 run cmifs_ros select_from_bag BAG... --robot FILE`."""
+"""Select from recordings: bags, tables (Parquet, CSV), HDF5, and data sets of robot learning.
+
+`ros2 run cmifs_ros select_from_bag RECORDING... --robot FILE`
+"""
 
 from __future__ import annotations
 
@@ -13,12 +16,13 @@ from collections import Counter
 from pathlib import Path
 
 from cmifs_ros.collect.advice import Advice, advice_lines, advice_of
-from cmifs_ros.collect.bag import BagEpisodes, BagError, episodes_of_bag
 from cmifs_ros.collect.discount import Discount, in_words
 from cmifs_ros.collect.episodes import file as episode_file
 from cmifs_ros.collect.episodes.episode_check import problems_of_episodes
 from cmifs_ros.collect.episodes.reward_check import problem_of_target
 from cmifs_ros.collect.pooling import Pool, pooled
+from cmifs_ros.collect.recorded_episodes import RecordedEpisodes, RecordingError
+from cmifs_ros.collect.recording import episodes_of_recording, recordings_in
 from cmifs_ros.collect.robot_file import RobotFile, RobotFileError, load_robot_file
 from cmifs_ros.collect.robot_file.model import SOURCES
 from cmifs_ros.collect.selection_fields import fields_of
@@ -26,7 +30,7 @@ from cmifs_ros.collect.sensor_groups import groups_by_name
 from cmifs_ros.collect.traffic import rates_of
 from cmifs_ros.core import ConditionalMISelector
 from cmifs_ros.core.selection import Selection, select
-from cmifs_ros.core.targets import RETURN, TARGETS
+from cmifs_ros.core.targets import ACTION, RETURN, TARGETS
 from cmifs_ros.core.words import counted, first
 
 from .arguments import between, file_to_write, folder_to_write, home_path, number_from
@@ -37,11 +41,14 @@ def main(arguments: list[str] | None = None) -> int:
     """Run the command; return its exit code."""
     parser = argparse.ArgumentParser('select_from_bag', description=__doc__)
     parser.add_argument(
-        'bags', nargs='+', type=home_path, metavar='BAG', help='files or folders; they are pooled'
-    )
+        'recordings', nargs='+', type=home_path, metavar='RECORDING',
+        help='files, or folders of them; they are pooled',
+    )  # fmt: skip
     parser.add_argument(
-        '--robot', metavar='FILE', help='the robot file; without, bags hold state and reward'
-    )
+        '--robot', metavar='FILE',
+        help='the robot file; without, bags hold state and reward, and the rows of tables are '
+        'steps, named as LeRobot, Minari, robomimic or D4RL do',
+    )  # fmt: skip
     parser.add_argument(
         '--out', type=folder_to_write, default=Path(), metavar='FOLDER',
         help='for selection.json and selection.png (default: here)',
@@ -94,12 +101,16 @@ def main(arguments: list[str] | None = None) -> int:
     )  # fmt: skip
     where = parser.add_mutually_exclusive_group()
     where.add_argument(
-        '--jobs', type=number_from(1), default=1, metavar='N', help='bags read at the same time'
+        '--jobs',
+        type=number_from(1),
+        default=1,
+        metavar='N',
+        help='recordings read at the same time',
     )
     where.add_argument(
         '--scheduler', metavar='ADDRESS',
-        help='read and select on the cluster of this Dask scheduler, which finds the bags by the '
-        'same paths',
+        help='read and select on the cluster of this Dask scheduler, which finds the recordings by '
+        'the same paths',
     )  # fmt: skip
     parser.add_argument(
         '--stability', type=number_from(1), default=0, metavar='N',
@@ -116,15 +127,17 @@ def _run(options: argparse.Namespace) -> None:
         robot = load_robot_file(options.robot) if options.robot else None
         if options.topics and robot is None:
             raise CommandError('--topics needs --robot, which tells the topics of the channels')
+        paths = [one for path in options.recordings for one in recordings_in(path, robot)]
         with backend(options.scheduler):
-            _select(_read(options.bags, robot, options), robot, options)
-    except (BagError, RobotFileError, OSError) as error:
+            recordings = list(zip(paths, _read(paths, robot, options), strict=True))
+            _select(recordings, robot, options)
+    except (RecordingError, RobotFileError, OSError) as error:
         raise CommandError(str(error)) from error
 
 
 def _read(
     paths: list[Path], robot: RobotFile | None, options: argparse.Namespace
-) -> list[BagEpisodes]:
+) -> list[RecordedEpisodes]:
     from tqdm import tqdm
 
     if not options.scheduler and (options.jobs == 1 or len(paths) == 1):
@@ -132,43 +145,53 @@ def _read(
         def watch(messages, total):
             return tqdm(messages, total=total, unit=' messages', disable=None, leave=False)
 
-        found = (episodes_of_bag(path, robot, watch) for path in paths)
+        found = (episodes_of_recording(path, robot, watch) for path in paths)
     else:
         from joblib import Parallel, delayed
 
         read = Parallel(options.jobs, return_as='generator')(
-            delayed(episodes_of_bag)(path.absolute(), robot) for path in paths
+            delayed(episodes_of_recording)(path.absolute(), robot) for path in paths
         )
-        found = tqdm(read, total=len(paths), unit=' bags', disable=None, leave=False)
-    bags = []
-    for path, bag in zip(paths, found, strict=True):
-        bags.append(bag)
-        said = [counted(bag.num_messages, 'message')]
-        said += [counted(len(bag.episodes), 'whole episode')]
-        said += [f'{counted(bag.num_between, "step")} between episodes'] if bag.num_between else []
+        found = tqdm(read, total=len(paths), unit=' recordings', disable=None, leave=False)
+    recorded = []
+    for path, one in zip(paths, found, strict=True):
+        recorded.append(one)
+        said = [counted(one.num_read, one.unit), counted(len(one.episodes), 'whole episode')]
+        said += [f'{counted(one.num_between, "step")} between episodes'] if one.num_between else []
         print(f'{path}: {", ".join(said)}')
-        for cause, count in bag.dropped.items():
+        for cause, count in one.dropped.items():
             print(f'  dropped {count}: {cause}')
-        if bag.unreadable:
-            unreadable = [f'{topic} ({why})' for topic, why in bag.unreadable.items()]
+        if one.unreadable:
+            unreadable = [f'{name} ({why})' for name, why in one.unreadable.items()]
             print(f'  cannot be read: {first(unreadable)}')
-    return bags
+    return recorded
 
 
-def _select(bags: list[BagEpisodes], robot: RobotFile | None, options: argparse.Namespace) -> None:
+def _select(
+    named: list[tuple[Path, RecordedEpisodes]],
+    robot: RobotFile | None,
+    options: argparse.Namespace,
+) -> None:
     from joblib import Parallel, delayed
 
-    pool = pooled(list(zip(options.bags, bags, strict=True)), options.source or _source(robot))
+    recordings = [one for _, one in named]
+    pool = pooled([(str(path), one) for path, one in named], options.source or _source(robot))
     problems = problems_of_episodes(
         [len(episode) for episode in pool.episodes],
-        sum(bag.num_cut for bag in bags),
-        sum(bag.num_open_steps for bag in bags),
+        sum(one.num_cut for one in recordings),
+        sum(one.num_open_steps for one in recordings),
     )
     if len(pool.episodes) < 2:
-        raise BagError('; '.join([*pool.notes, *problems]))
+        raise RecordingError('; '.join([*pool.notes, *problems]))
     for problem in (*pool.notes, *problems):
         print(f'warning: {problem}')
     target = options.target or (robot and robot.target) or RETURN
+    lacking = [f'{path} has {one.no_rewards}' for path, one in named if one.no_rewards]
+    if lacking and target != ACTION:
+        raise CommandError(
+            f'{lacking[0]}, which target {target!r} needs: --target action selects what the '
+            'recorded action depends on'
+        )
     problem = problem_of_target(pool.episodes, target)
     if problem:
         raise CommandError(problem)
@@ -189,7 +212,7 @@ def _select(bags: list[BagEpisodes], robot: RobotFile | None, options: argparse.
         (selection,) = Parallel(1)([job])
     except ValueError as error:  # of the settings or the episodes
         raise CommandError(str(error)) from error
-    _write(selection, pool, bags, robot, options)
+    _write(selection, pool, recordings, robot, options)
 
 
 def _source(robot: RobotFile | None) -> str:
@@ -213,15 +236,15 @@ def _gamma(pool: Pool, robot: RobotFile | None, options: argparse.Namespace) -> 
 def _write(
     selection: Selection,
     pool: Pool,
-    bags: list[BagEpisodes],
+    recordings: list[RecordedEpisodes],
     robot: RobotFile | None,
     options: argparse.Namespace,
 ) -> None:
     from .html_report import write_report
     from .ranking import draw_ranking, ranking_text
 
-    dropped = sum((Counter(bag.dropped) for bag in bags), Counter())
-    advice = _advice(selection, bags, robot)
+    dropped = sum((Counter(one.dropped) for one in recordings), Counter())
+    advice = _advice(selection, recordings, robot)
     print(f'\n{ranking_text(selection)}\n')
     print(f'selected: {", ".join(selection.names) or "nothing"} ({selection.seconds:.1f} s)')
     options.out.mkdir(parents=True, exist_ok=True)
@@ -248,10 +271,12 @@ def _write(
     print('\n'.join(['', *advice_lines(advice)]))
 
 
-def _advice(selection: Selection, bags: list[BagEpisodes], robot: RobotFile | None) -> Advice:
+def _advice(
+    selection: Selection, recordings: list[RecordedEpisodes], robot: RobotFile | None
+) -> Advice:
     if robot is None:
         return advice_of(selection)
-    rates = rates_of([bag.traffic for bag in bags])
+    rates = rates_of([one.traffic for one in recordings])
     return advice_of(selection, robot.channel_topics, rates, robot.topics_for(()))
 
 

@@ -7,9 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cmifs_ros.collect.bag import BagEpisodes, BagError
 from cmifs_ros.collect.pooling import pooled
-from cmifs_ros.collect.traffic import Traffic
+from cmifs_ros.collect.recorded_episodes import RecordedEpisodes, RecordingError
 from cmifs_ros.core import Episode
 
 SECOND = 10**9
@@ -27,7 +26,7 @@ def recorded(states, begin=0, window=25, names=('x', 'y', 'z')):
     parts = [slice(cut - window, cut) for cut in cuts]
     episodes = [Episode(states[part], np.ones(window)) for part in parts]
     stamps = [stamps[part] for part in parts]
-    return BagEpisodes(names, episodes, stamps, 0, 0, 0, 0, {}, {}, Traffic())
+    return RecordedEpisodes(names, episodes, len(states), stamps=stamps)
 
 
 def steps_of(pool):
@@ -88,7 +87,7 @@ def test_bags_are_in_the_order_of_time_and_nothing_is_told_of_those_apart():
 
 def test_bags_of_other_channels_are_refused():
     bags = [('a', recorded(drive())), ('b', recorded(drive(), 900, names=('x', 'y', 'w')))]
-    with pytest.raises(BagError, match='b has other channels than a; expected the same'):
+    with pytest.raises(RecordingError, match='b has other channels than a; expected the same'):
         pooled(bags)
 
 
@@ -117,5 +116,5 @@ def test_bags_without_actions_are_left_out_where_most_have_some_else_all_do_with
 
 def test_bags_of_other_actions_are_refused():
     one, other = acting(recorded(drive(0, 50))), acting(recorded(drive(1, 50), 1000), ('drive',))
-    with pytest.raises(BagError, match='b has other actions than a; expected the same'):
+    with pytest.raises(RecordingError, match='b has other actions than a; expected the same'):
         pooled([('a', one), ('b', other)])

@@ -76,7 +76,7 @@ def test_a_bag_gives_the_episodes_of_the_node(tmp_path_factory, sent, robot, see
         (e.states.tobytes(), e.rewards.tobytes(), e.actions.tobytes()) for e in bag.episodes
     ] == live.episodes
     assert bag.action_names == ('turn', 'drive')
-    assert bag.num_messages + len(live.late) == live.received
+    assert bag.num_read + len(live.late) == live.received
     assert not any(what.startswith('late') for what in bag.dropped)
 
 
@@ -111,7 +111,7 @@ def test_a_bag_that_has_the_simulated_clock_is_read_by_it(tmp_path, has_clock):
             [[2.0 * i, float(i)] for i in range(begin, begin + 4)] for begin in (0, 5, 10, 15)
         ][: len(bag.episodes)]
         assert len(bag.episodes) >= 3
-        assert bag.num_messages == 40
+        assert bag.num_read == 40
     else:
         assert not bag.episodes
         assert any('wrong messages of /radio, such as: ' in cause for cause in bag.dropped)

@@ -49,7 +49,7 @@ def test_a_bag_gives_the_episodes_that_were_written(tmp_path, storage, compressi
     for episode, (states, rewards) in zip(bag.episodes, expected, strict=True):
         np.testing.assert_array_equal(episode.states, states)
         np.testing.assert_array_equal(episode.rewards, rewards)
-    assert bag.num_messages == 3 * 42
+    assert bag.num_read == 3 * 42
 
 
 def test_several_bags_are_pooled_and_everything_is_written(tmp_path, robot, capsys):

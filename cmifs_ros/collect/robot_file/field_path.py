@@ -99,7 +99,8 @@ class FieldPath:
     def values_in(self, message) -> list:
         """Return the values in a message, as many as `suffixes`.
 
-        They are none if an array has no entry called so: the message is of other things.
+        They are none if an array has no entry called so, or a table's cell is empty: the message is
+        of other things.
 
         Raises
         ------
@@ -122,6 +123,8 @@ class FieldPath:
             above.append(value)
             value = getattr(value, field, None)
             if value is None:
+                if hasattr(above[-1], field):  # An empty cell of a table says nothing.
+                    return []
                 own = _fields(above[-1])
                 expected = f'; expected one of {own}' if own else ''
                 raise MissingFieldError(f'{self.topic} has no field {field!r}{expected}')

@@ -18,6 +18,8 @@ from typing import Any, NamedTuple
 
 import yaml
 
+from cmifs_ros.collect.recorded_episodes import RecordingError
+
 from .mcap_storage import McapStorage
 from .storages import (
     CompressedMessages,
@@ -41,7 +43,7 @@ _STORAGES: dict[str, Callable[[Path], Storage]] = {
 }
 
 
-class BagError(Exception):
+class BagError(RecordingError):
     """A bag cannot be used; the message says why."""
 
 

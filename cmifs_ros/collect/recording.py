@@ -1,0 +1,153 @@
+# SPDX-License-Identifier: Apache-2.0
+
+"""Episodes of any recording: a bag, tables, HDF5, or data frames in memory."""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from functools import partial
+from operator import itemgetter
+from pathlib import Path
+
+from .bag import episodes_of_bag
+from .recorded_episodes import RecordedEpisodes, RecordingError
+from .robot_file import RobotFile
+from .sampled_episodes import SampledEpisodes
+from .sampling.bag_reader import unwatched
+from .sampling.event_order import SECOND
+from .tables import arrow, hdf5, lerobot
+from .tables.table import Table
+from .traffic import Traffic
+
+_BAGS = ('.mcap', '.db3', '.bag')
+_EXPECTED = (
+    'expected a bag (a folder with its metadata.yaml, .mcap, .db3 or .bag), .parquet, .csv, .h5, '
+    ".hdf5, LeRobot's folder, or with a robot file a folder of tables"
+)
+
+
+def recordings_in(path: Path, robot: RobotFile | None = None) -> list[Path]:
+    """Return the recordings that a path means: itself, or of a folder that is none, those in it.
+
+    With a robot file, the tables in a folder are one recording.
+    """
+    if not path.is_dir() or _is_bag(path) or (path / lerobot.INFO).exists():
+        return [path]
+    files = list(path.rglob('*'))
+    found = {file.parent for file in files if _is_of_bag(file)}
+    found |= {file.parents[1] for file in path.rglob(str(lerobot.INFO))}
+    suffixes = hdf5.SUFFIXES + (arrow.SUFFIXES if robot is None else ())
+    found |= {f for f in files if f.suffix in suffixes and found.isdisjoint(f.parents)}
+    return sorted(found, key=lambda one: hdf5.natural(str(one))) or [path]
+
+
+def _is_of_bag(file: Path) -> bool:
+    return file.name == 'metadata.yaml' or file.suffix in _BAGS
+
+
+def _is_bag(path: Path) -> bool:
+    return any(map(_is_of_bag, path.iterdir() if path.is_dir() else (path,)))
+
+
+def episodes_of_recording(
+    source: str | Path | object,
+    robot: RobotFile | None = None,
+    watch: Callable[[Iterable, int], Iterable] = unwatched,
+) -> RecordedEpisodes:
+    """Return a recording's whole episodes, and how much was dropped.
+
+    Parameters
+    ----------
+    source : path, data frame, or mapping of str to data frame
+        A bag, a file .parquet, .csv, .h5 or .hdf5, LeRobot's folder, with a robot file a folder of
+        tables; or tables in memory: of pandas, or of what else pyarrow takes.
+    robot : RobotFile, optional
+        With one, tables are topics, called as their files below the folder or as their groups, and
+        rows are messages. Without, each row is a step, and the columns have the names of LeRobot,
+        the data sets those of Minari, robomimic or D4RL; for a bag see `episodes_of_bag`.
+    watch : callable, optional
+        Is given the messages and their number and passes them on, for a display of progress.
+
+    Raises
+    ------
+    RecordingError
+        If the recording cannot be read, a package is missing for that, or it lacks something.
+
+    """
+    if not isinstance(source, (str, Path)):
+        if robot is None:
+            return lerobot.steps_in('the data frame', arrow.table_of(source))
+        return _sampled('the data frames', _tables_of(source), robot, watch)
+    path = Path(source)
+    if _is_bag(path) or not path.exists():
+        return episodes_of_bag(path, robot, watch)
+    if path.is_file() and path.suffix in hdf5.SUFFIXES:
+        with hdf5.opened(path) as file:
+            if robot is None:
+                return hdf5.steps_in(path, file)
+            return _sampled(path, hdf5.tables_in(path, file), robot, watch)
+    return _steps_in(path) if robot is None else _sampled(path, _tables_in(path), robot, watch)
+
+
+def _steps_in(path: Path) -> RecordedEpisodes:
+    if (path / lerobot.INFO).exists():
+        table = arrow.read_all(path, arrow.files_in(path / lerobot.DATA))
+        return lerobot.steps_in(path, table, lerobot.read_info(path))
+    if path.is_file() and path.suffix in arrow.SUFFIXES:
+        return lerobot.steps_in(path, arrow.read(path))
+    raise RecordingError(f'{path} is no recording; {_EXPECTED}')
+
+
+def _tables_in(path: Path) -> dict[str, Callable[[], Table]]:
+    files, above = arrow.files_in(path), path if path.is_dir() else path.parent
+    if not files:
+        raise RecordingError(f'{path} is no recording; {_EXPECTED}')
+    return {
+        f'/{file.relative_to(above).with_suffix("").as_posix()}': partial(_read, file)
+        for file in files
+    }
+
+
+def _read(file: Path) -> Table:
+    return arrow.messages_of(str(file), arrow.read(file))
+
+
+def _tables_of(source) -> dict[str, Callable[[], Table]]:
+    named = source if isinstance(source, Mapping) else {'frame': source}
+    return {
+        f'/{name.removeprefix("/")}': partial(arrow.messages_of, name, arrow.table_of(frame))
+        for name, frame in named.items()
+    }
+
+
+def _sampled(
+    path,
+    tables: Mapping[str, Callable[[], Table]],
+    robot: RobotFile,
+    watch: Callable[[Iterable, int], Iterable],
+) -> RecordedEpisodes:
+    """Return the episodes that a robot file makes of tables; only those that it names are read."""
+    if len(tables) == len(robot.topics) == 1:  # Whatever it is called, it is meant.
+        tables = {f'/{robot.topics[0].removeprefix("/")}': next(iter(tables.values()))}
+    collector = SampledEpisodes(robot)
+    topics = collector.topics_among(dict.fromkeys(tables, ()), path)
+    read = {topic: tables[topic]() for topic in topics}
+    total = sum(len(table.times) for table in read.values())
+    messages = heapq.merge(*map(_of_topic, read.items()), key=itemgetter(0))
+    for time, topic, message in watch(messages, total):
+        collector.add(topic, message, time)
+    known = [table.times for table in read.values() if len(table.times)]
+    seconds = (max(t.max() for t in known) - min(t.min() for t in known)) / SECOND if known else 0.0
+    traffic = Traffic(
+        seconds,
+        {name: len(read[topic].times) for topic, name in topics.items()},
+        {name: read[topic].num_bytes for topic, name in topics.items()},
+    )
+    return collector.recorded(total, traffic, {})
+
+
+def _of_topic(named: tuple[str, Table]) -> Iterator[tuple[int, str, object]]:
+    topic, table = named
+    for time, message in table.messages():
+        yield time, topic, message

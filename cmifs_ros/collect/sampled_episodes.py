@@ -1,0 +1,186 @@
+# SPDX-License-Identifier: Apache-2.0
+
+"""From recorded messages to episodes, by a robot file or as the selector itself pairs them."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Collection, Mapping
+
+from cmifs_ros.core import Episode
+from cmifs_ros.core.words import first
+
+from .episodes.builder import EpisodeBuilder
+from .episodes.drops import explained
+from .recorded_episodes import RecordedEpisodes, RecordingError
+from .robot_file import RobotFile
+from .sampling.sampler import Sampler
+from .sampling.step import Step
+from .traffic import Traffic
+
+#: As the selector's parameter max_episode_steps.
+MAX_EPISODE_STEPS = 1000
+
+
+class Collector(ABC):
+    """Make episodes of messages.
+
+    Attributes
+    ----------
+    builder : EpisodeBuilder
+    episodes : list of Episode
+        The whole ones so far.
+
+    """
+
+    def __init__(self, builder: EpisodeBuilder):
+        self.builder = builder
+        self.builder.stamps = []
+        self.episodes: list[Episode] = []
+
+    @property
+    def num_between(self) -> int:
+        """Steps that belong to no episode."""
+        return 0
+
+    @property
+    @abstractmethod
+    def channel_names(self) -> tuple[str, ...]:
+        """The channels of a state, in order."""
+
+    @property
+    @abstractmethod
+    def action_names(self) -> tuple[str, ...]:
+        """The values of an action, in order."""
+
+    @abstractmethod
+    def topics_among(self, topics: Mapping[str, Collection[str]], path) -> dict[str, str]:
+        """Return the topics to read, by their names in the recording, as the robot file calls them.
+
+        Parameters
+        ----------
+        topics : mapping of str to collection of str
+            What there is, with its types; without any where types are not known.
+        path : object
+            The recording, for messages.
+
+        Raises
+        ------
+        RecordingError
+            If one is missing, or of another type than the robot file says.
+
+        """
+
+    @abstractmethod
+    def add(self, topic: str, message, recorded: int) -> None:
+        """Take a message, at its time of record in nanoseconds."""
+
+    @abstractmethod
+    def note_wrong(self, topic: str, what: str) -> None:
+        """Count a message that cannot be used."""
+
+    @abstractmethod
+    def set_clock(self, now: int) -> None:
+        """Take what /clock says, in nanoseconds."""
+
+    @abstractmethod
+    def finish(self) -> dict[str, int]:
+        """Work through all that waits; return what was dropped, by cause."""
+
+    def recorded(
+        self, num_read: int, traffic: Traffic, unreadable: Mapping[str, str]
+    ) -> RecordedEpisodes:
+        """Return what was collected, when nothing more is to come."""
+        dropped, builder = self.finish(), self.builder
+        dropped |= {explained('episodes', cause): n for cause, n in builder.dropped.items()}
+        if builder.num_partly_acting:
+            cause = 'actions of episodes of which some steps have none'
+            dropped[cause] = builder.num_partly_acting
+        return RecordedEpisodes(
+            self.channel_names, self.episodes, num_read, self.action_names, builder.stamps,
+            num_between=self.num_between, num_cut=builder.num_cut,
+            num_open_steps=builder.num_open_steps, dropped=dropped, unreadable=unreadable,
+            traffic=traffic,
+        )  # fmt: skip
+
+
+class SampledEpisodes(Collector):
+    """Make episodes of a robot's own topics, by its robot file."""
+
+    def __init__(self, robot: RobotFile):
+        super().__init__(EpisodeBuilder(MAX_EPISODE_STEPS))
+        self._robot, self._sampler = robot, Sampler(robot, max_lateness=None)
+        self._names: dict[str, str] = {}
+
+    @property
+    def channel_names(self) -> tuple[str, ...]:
+        """The channels of a state, in order."""
+        return self._robot.channel_names
+
+    @property
+    def action_names(self) -> tuple[str, ...]:
+        """The values of an action, in order."""
+        return self._robot.action_names
+
+    @property
+    def num_between(self) -> int:
+        """Steps that belong to no episode."""
+        return self._sampler.num_between
+
+    def topics_among(self, topics: Mapping[str, Collection[str]], path) -> dict[str, str]:
+        """Return the topics to read; see `Collector`."""
+        found = {name: _topics_called(name, topics) for name in self._robot.topics}
+        missing = [name for name, called in found.items() if not called]
+        if missing:
+            raise RecordingError(
+                f'{path} lacks {", ".join(sorted(missing))} of the robot file; it has '
+                f'{", ".join(sorted(topics))[:1000] or "no topics"}'
+            )
+        for name, called in found.items():
+            if len(called) > 1:
+                raise RecordingError(
+                    f'{path}: {name} of the robot file may be {first(called)}; expected a whole '
+                    'name, with / before it'
+                )
+            kinds = topics[called[0]]
+            if kinds and (problem := self._robot.type_problem(name, kinds)):
+                raise RecordingError(f'{path}: {problem}')
+        self._names = {called[0]: name for name, called in found.items()}
+        return self._names
+
+    def add(self, topic: str, message, recorded: int) -> None:
+        """Take a message."""
+        self._collect(self._sampler.add(self._names[topic], message, recorded))
+
+    def note_wrong(self, topic: str, what: str) -> None:
+        """Count a message that cannot be used."""
+        self._sampler.note_wrong(self._names[topic], what)
+
+    def set_clock(self, now: int) -> None:
+        """Take what /clock says."""
+        self._collect(self._sampler.set_clock(now))
+
+    def _collect(self, steps: list[Step]) -> None:
+        for step in steps:
+            self.episodes += self.builder.add(step.state, step.sample, step.stamp, step.action)
+
+    def finish(self) -> dict[str, int]:
+        """Work through all that waits; return what was dropped."""
+        sampler = self._sampler
+        self._collect(sampler.flush())
+        dropped = {f'late messages of {t}': n for t, n in sampler.late.items() if n}
+        dropped |= {
+            f'wrong messages of {t}, such as: {sampler.last_wrong[t]}': n
+            for t, n in sampler.wrong.items()
+            if n
+        }
+        lacking = sampler.missing.in_words(sampler.missing.counts)
+        dropped |= {f'steps without {what}': n for what, n in lacking.items()}
+        return dropped | sampler.ends.dropped_in_words()
+
+
+def _topics_called(name: str, topics: Collection[str]) -> list[str]:
+    """Return the topics that a name of the robot file means: a relative one in any namespace."""
+    if f'/{name.removeprefix("/")}' in topics:
+        return [f'/{name.removeprefix("/")}']
+    return [] if name.startswith('/') else [t for t in topics if t.endswith(f'/{name}')]

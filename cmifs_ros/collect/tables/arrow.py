@@ -1,0 +1,90 @@
+# SPDX-License-Identifier: Apache-2.0
+
+"""Parquet, CSV and data frames, read by pyarrow, which is optional: pip install pyarrow."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+from cmifs_ros.collect.recorded_episodes import RecordingError
+
+from .table import NANOSECONDS, SECONDS, STAMP, Column, Table, times_of
+
+#: The files of tables.
+SUFFIXES = ('.parquet', '.csv')
+
+
+def pyarrow():
+    """Return the module; raise a RecordingError with the remedy if it is missing."""
+    try:
+        import pyarrow as found
+    except ImportError as error:
+        raise RecordingError('tables need pyarrow: pip install pyarrow') from error
+    return found
+
+
+def is_wanted(kind) -> bool:
+    """Return whether values of an Arrow type may be numbers or words; pictures are not."""
+    types = pyarrow().types
+    if types.is_list(kind) or types.is_large_list(kind) or types.is_fixed_size_list(kind):
+        return is_wanted(kind.value_type)
+    if types.is_struct(kind):
+        return all(is_wanted(part.type) for part in kind)
+    return not (types.is_binary(kind) or types.is_large_binary(kind) or types.is_null(kind))
+
+
+def read(path: Path):
+    """Return a file's Arrow table without pictures; raise a RecordingError if it is none."""
+    pa = pyarrow()
+    from pyarrow import csv, parquet
+
+    try:
+        if path.suffix == '.csv':
+            return csv.read_csv(path)
+        file = parquet.ParquetFile(path)
+        return file.read([part.name for part in file.schema_arrow if is_wanted(part.type)])
+    except (pa.ArrowException, OSError) as error:
+        what = ' '.join(str(error).split())[:300]
+        raise RecordingError(f'{path} cannot be read as {path.suffix[1:]}: {what}') from error
+
+
+def read_all(path: Path, files: Iterable[Path]):
+    """Return the files of a data set as one Arrow table; raise a RecordingError if they differ."""
+    pa = pyarrow()
+    try:
+        return pa.concat_tables([read(file) for file in files], promote_options='permissive')
+    except pa.ArrowException as error:
+        what = ' '.join(str(error).split())[:300]
+        raise RecordingError(
+            f'the tables of {path} are none or have other columns: {what}'
+        ) from error
+
+
+def table_of(frame):
+    """Return a data frame as an Arrow table; raise a RecordingError if it is none."""
+    try:
+        return pyarrow().table(frame)
+    except (TypeError, ValueError) as error:
+        raise RecordingError(
+            f'{type(frame).__name__} is no data frame: {" ".join(str(error).split())[:300]}'
+        ) from error
+
+
+def files_in(path: Path) -> list[Path]:
+    """Return the files of tables that a path is, or has in it."""
+    return sorted(file for file in (path, *path.rglob('*')) if file.suffix in SUFFIXES)
+
+
+def messages_of(name: str, table) -> Table:
+    """Return an Arrow table as one of messages."""
+    while any(pyarrow().types.is_struct(part.type) for part in table.schema):
+        table = table.flatten()
+    columns = {column: _column(table[column]) for column in table.column_names}
+    told = [part for part in (SECONDS, NANOSECONDS, *STAMP) if part in columns]
+    times = times_of(name, {part: table[part].to_numpy() for part in told})
+    return Table(name, columns, times, table.nbytes)
+
+
+def _column(values) -> Column:
+    return Column(lambda begin, end: values.slice(begin, end - begin).to_pylist())

@@ -1,0 +1,207 @@
+# SPDX-License-Identifier: Apache-2.0
+
+"""Tables of steps by the names of LeRobot's columns, v2.1 and v3, or any other with such names.
+
+`observation.*` are the states, `action` or `action.*` the actions; `next.reward` is the reward, and
+without it the success of the episode is that of its last step. `episode_index` tells the episodes
+apart, or `next.done` their ends.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from cmifs_ros.collect.recorded_episodes import RecordedEpisodes, RecordingError
+from cmifs_ros.core.words import first
+
+from .arrow import pyarrow
+from .steps import WHOLE, Names, Steps, episodes_of_steps
+
+_STATE, _ACTION = 'observation', 'action'
+_EPISODE, _FRAME, _DONE = 'episode_index', 'frame_index', 'next.done'
+_REWARD, _SUCCESS = 'next.reward', 'next.success'
+_PICTURES = ('video', 'image')
+#: Where a data set says what its numbers are called, and where its tables are.
+INFO, DATA = Path('meta/info.json'), Path('data')
+
+
+class Info(NamedTuple):
+    """What a data set says of itself.
+
+    Attributes
+    ----------
+    features : dict
+        By column, its `dtype` and `names`.
+    step_seconds : float
+        NaN if it is not said.
+
+    """
+
+    features: Mapping[str, dict] = {}
+    step_seconds: float = float('nan')
+
+
+def read_info(folder: Path) -> Info:
+    """Read a data set's `INFO`; raise a RecordingError if it cannot be used."""
+    try:
+        about = json.loads((folder / INFO).read_text())
+        return Info(dict(about['features']), 1 / about['fps'] if about.get('fps') else float('nan'))
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise RecordingError(
+            f'{folder / INFO} cannot be read ({type(error).__name__}: {error}); expected what '
+            'LeRobot writes, with features'
+        ) from error
+
+
+def steps_in(path, table, info: Info | None = None) -> RecordedEpisodes:
+    """Return the episodes of an Arrow table of steps.
+
+    Raises
+    ------
+    RecordingError
+        If it lacks states or what tells the episodes apart, or a column's rows differ in length.
+
+    """
+    info = info or Info()
+    columns = _Columns(path, table)
+    states, actions = columns.below(_STATE), columns.below(_ACTION)
+    found = _episodes(columns)
+    if not states or found is None:
+        raise RecordingError(
+            f'{path} has the columns {first(table.column_names)}; expected {_STATE}.* of numbers '
+            f'and {_EPISODE} or {_DONE}, as LeRobot has them, or a robot file (--robot) if its '
+            'rows are messages'
+        )
+    rewards, success = columns.numbers(_REWARD), columns.numbers(_SUCCESS)
+    frames = columns.numbers(_FRAME)
+    parts, num_gaps = [], 0
+    for name, rows in found.items():
+        if frames is not None and (frames[rows] != np.arange(len(rows))).any():
+            num_gaps += 1
+            continue
+        parts.append(
+            Steps(
+                name,
+                {key: values[rows] for key, values in states.items()},
+                {key: values[rows] for key, values in actions.items()},
+                _rewards(rewards, success, rows),
+            )
+        )
+    pictures = [key for key, said in info.features.items() if said.get('dtype') in _PICTURES]
+    names = Names('state', _names(info, _STATE), _names(info, _ACTION))
+    return episodes_of_steps(
+        path, parts, names, f'no column {_REWARD} or {_SUCCESS}',
+        {f'episodes of which {_FRAME} misses a step': num_gaps} if num_gaps else {},
+        step_seconds=info.step_seconds, num_open_steps=len(table) - sum(map(len, found.values())),
+        unreadable=columns.unreadable | dict.fromkeys(pictures, 'pictures are not read'),
+    )  # fmt: skip
+
+
+class _Columns:
+    """The columns of a table as arrays.
+
+    Attributes
+    ----------
+    unreadable : dict of str to str
+        Columns that were asked for and have no numbers, and why.
+
+    """
+
+    def __init__(self, path, table):
+        self.path, self._table = path, table
+        self.unreadable: dict[str, str] = {}
+
+    def below(self, start: str) -> dict[str, np.ndarray]:
+        """Return all columns whose names begin so, by the key after it."""
+        keys = {name: _key(name, start) for name in self._table.column_names}
+        found = {key: self.numbers(name) for name, key in keys.items() if key is not None}
+        return {key: values for key, values in found.items() if values is not None}
+
+    def numbers(self, name: str) -> np.ndarray | None:
+        """Return a column, shape (rows,) or (rows, n), with NaN where it is empty, or None."""
+        if name not in self._table.column_names:
+            return None
+        pa = pyarrow()
+        column, types = self._table[name], pa.types
+        kind = column.type
+        is_list = types.is_list(kind) or types.is_large_list(kind) or types.is_fixed_size_list(kind)
+        of = kind.value_type if is_list else kind
+        if not (types.is_integer(of) or types.is_floating(of) or types.is_boolean(of)):
+            self.unreadable[name] = f'it has no numbers, but {of}'
+            return None
+        values = column.combine_chunks()
+        if isinstance(values, pa.ChunkedArray):  # Of no chunks.
+            values = pa.array([], kind)
+        size = self._size(name, values) if is_list else None
+        values = values.flatten() if is_list else values
+        values = values.cast(pa.float64() if values.null_count else of)
+        numbers = values.to_numpy(zero_copy_only=False)
+        return numbers.reshape(-1, size) if is_list else numbers
+
+    def _size(self, name: str, lists) -> int:
+        """Return how many numbers each row of a column has."""
+        sizes = np.array([-1 if row is None else len(row) for row in lists])
+        wrong = np.flatnonzero(sizes != sizes[0]) if len(sizes) else []
+        if len(wrong):
+            row, size = wrong[0], sizes[wrong[0]]
+            raise RecordingError(
+                f'{self.path}: row {row} of {name} has {"nothing" if size < 0 else size}; '
+                f'expected {sizes[0]} numbers, as row 0 has'
+            )
+        return int(sizes[0]) if len(sizes) else 0
+
+
+def _key(name: str, start: str) -> str | None:
+    """Return what tells a column from others of this start; None if it begins otherwise."""
+    if name in (start, f'{start}.state'):
+        return WHOLE
+    return name[len(start) + 1 :] if name.startswith(f'{start}.') else None
+
+
+def _episodes(columns: _Columns) -> dict[str, np.ndarray] | None:
+    """Return the rows of each whole episode by its name, None if nothing tells them apart."""
+    numbers, frames = columns.numbers(_EPISODE), columns.numbers(_FRAME)
+    if numbers is not None:
+        unknown = np.flatnonzero(np.isnan(numbers))
+        if len(unknown):
+            raise RecordingError(f'{columns.path}: row {unknown[0]} has no {_EPISODE}')
+        order = np.lexsort((np.arange(len(numbers)) if frames is None else frames, numbers))
+        found, begins = np.unique(numbers[order], return_index=True)
+        rows = np.split(order, begins[1:])
+        return {f'{_EPISODE} {n:g}': part for n, part in zip(found, rows, strict=True)}
+    done = columns.numbers(_DONE)
+    if done is None:
+        return None
+    ends = np.flatnonzero(done) + 1
+    parts = np.split(np.arange(len(done)), ends)[: len(ends)]
+    return {f'episode {i}': part for i, part in enumerate(parts)}
+
+
+def _rewards(
+    rewards: np.ndarray | None, success: np.ndarray | None, rows: np.ndarray
+) -> np.ndarray | None:
+    if rewards is not None:
+        return rewards[rows].ravel()
+    if success is None:
+        return None
+    paid = np.zeros(len(rows))
+    paid[-1] = (success[rows] > 0).any()
+    return paid
+
+
+def _names(info: Info, start: str) -> dict[str, list[str]]:
+    """Return the names of numbers by key: of a list, of lists in a mapping, or its keys."""
+    found = {}
+    for name, said in info.features.items():
+        key, names = _key(name, start), said.get('names')
+        if isinstance(names, Mapping):
+            of_all = [part for part in names.values() if isinstance(part, list)]
+            names = [part for parts in of_all for part in parts] if of_all else list(names)
+        if key is not None and isinstance(names, list):
+            found[key] = [str(part) for part in names]
+    return found

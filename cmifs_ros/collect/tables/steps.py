@@ -1,0 +1,192 @@
+# SPDX-License-Identifier: Apache-2.0
+
+"""Episodes of recordings in which each row is a step already, as data sets of robot learning have.
+
+Numbers that a recording calls by a key of their own, such as the position of the gripper, are one
+sensor. Those of the one vector that is the whole state are a sensor each, by their names if the
+recording has some.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from cmifs_ros.collect.recorded_episodes import RecordedEpisodes, RecordingError
+from cmifs_ros.core import Episode
+from cmifs_ros.core.channel_names import problem_of_names
+from cmifs_ros.core.words import counted, first, listed
+
+#: The key of the one vector that is the whole state, or the whole action.
+WHOLE = ''
+#: A whole number that takes at most so many values is a discrete action.
+_MOST_CHOICES = 32
+
+
+@dataclass(frozen=True)
+class Steps:
+    """The steps of an episode, as they were read.
+
+    Attributes
+    ----------
+    name : str
+        Of the episode, for messages.
+    states, actions : dict of str to numpy.ndarray, shape (T,) or (T, n)
+        By key; all that a state or an action consists of.
+    rewards : numpy.ndarray, shape (T,), or None
+
+    """
+
+    name: str
+    states: Mapping[str, np.ndarray]
+    actions: Mapping[str, np.ndarray]
+    rewards: np.ndarray | None
+
+    def __len__(self) -> int:
+        """Return the number of steps T."""
+        return len(next(iter(self.states.values())))
+
+
+@dataclass(frozen=True)
+class Names:
+    """What a recording calls its numbers.
+
+    Attributes
+    ----------
+    state : str
+        What unnamed numbers of the whole state are called, with an index.
+    of_states, of_actions : mapping of str to sequence of str
+        By key, the names of its numbers, where there are some.
+
+    """
+
+    state: str
+    of_states: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    of_actions: Mapping[str, Sequence[str]] = field(default_factory=dict)
+
+
+def episodes_of_steps(
+    path,
+    found: Iterable[Steps],
+    names: Names,
+    no_rewards: str,
+    dropped: Mapping[str, int],
+    **about,
+) -> RecordedEpisodes:
+    """Return the episodes of a recording.
+
+    An episode with a number that is not finite is dropped, and counted by what has it.
+
+    Parameters
+    ----------
+    path : object
+        The recording, for messages.
+    found : iterable of Steps
+    names : Names
+    no_rewards : str
+        Why there are no rewards, if there are none.
+    dropped : mapping of str to int
+        What was dropped before, by cause.
+    **about
+        What else `RecordedEpisodes` tells.
+
+    Raises
+    ------
+    RecordingError
+        If there is no episode, or its numbers are not of the same keys and shapes throughout.
+
+    """
+    parts = list(found)
+    if not parts:
+        raise RecordingError(f'{path} has no whole episode')
+    parts, choices = _one_hot(parts)
+    names = replace(names, of_actions={**names.of_actions, **choices})
+    if len({part.rewards is None for part in parts}) > 1:
+        raise RecordingError(f'{path} has rewards in some episodes only; expected them in all')
+    states, channels = _stacked(path, parts, 'states'), []
+    for key, size in _sizes(parts[0].states).items():
+        channels += _channel_names(key, size, names)
+    actions, action_names = _stacked(path, parts, 'actions'), []
+    for key, size in _sizes(parts[0].actions).items():
+        action_names += _action_names(key, size, names)
+    problem = problem_of_names([*channels, *action_names])
+    if problem:
+        raise RecordingError(f'{path} has {problem}')
+    episodes, counts = [], Counter[str](dropped)
+    for part, state, action in zip(parts, states, actions, strict=True):
+        missing = _not_finite(state, channels) + _not_finite(action, action_names)
+        if part.rewards is not None:
+            missing += _not_finite(part.rewards[:, None], ['the reward'])
+        if missing:
+            counts[f'episodes in which {listed(missing)} is not a finite number'] += 1
+        else:
+            episodes.append(Episode(state, part.rewards, action))
+    return RecordedEpisodes(
+        tuple(channels), episodes, sum(map(len, states)), tuple(action_names), dropped=counts,
+        unit='step', no_rewards='' if parts[0].rewards is not None else no_rewards, **about,
+    )  # fmt: skip
+
+
+def _sizes(values: Mapping[str, np.ndarray]) -> dict[str, int]:
+    return {key: 1 if of_key.ndim == 1 else of_key.shape[1] for key, of_key in values.items()}
+
+
+def _stacked(path, parts: Sequence[Steps], what: str) -> list[np.ndarray]:
+    """Return the states or actions of each episode as one array, shape (T, n)."""
+    expected = _sizes(getattr(parts[0], what))
+    stacked = []
+    for part in parts:
+        values = getattr(part, what)
+        if _sizes(values) != expected:
+            raise RecordingError(
+                f'{path}: {part.name} has {what} of {_shown(_sizes(values))}; expected '
+                f'{_shown(expected)}, as {parts[0].name} has'
+            )
+        columns = [np.asarray(values[key], float) for key in expected]
+        stacked.append(np.column_stack(columns) if columns else np.empty((len(part), 0)))
+    return stacked
+
+
+def _shown(sizes: Mapping[str, int]) -> str:
+    return first([f'{key} {counted(n, "number")}'.strip() for key, n in sizes.items()]) or 'none'
+
+
+def _channel_names(key: str, size: int, names: Names) -> list[str]:
+    given = names.of_states.get(key, ())
+    if len(given) == size:
+        return [name if key == WHOLE else f'{key}.{name}' for name in given]
+    if key == WHOLE:
+        return [f'{names.state}_{i}' for i in range(size)]
+    return [key] if size == 1 else [f'{key}[{i}]' for i in range(size)]
+
+
+def _action_names(key: str, size: int, names: Names) -> list[str]:
+    """Return names as `cmifs_ros.sim.gymnasium_episodes.action_names` gives them."""
+    given, base = names.of_actions.get(key, ()), f'action_{key}' if key else 'action'
+    if len(given) == size:
+        return [f'{base}.{name}' for name in given]
+    return [base] if size == 1 else [f'{base}_{i}' for i in range(size)]
+
+
+def _not_finite(values: np.ndarray, names: Sequence[str]) -> list[str]:
+    return [names[i] for i in np.flatnonzero(~np.isfinite(values).all(axis=0))]
+
+
+def _one_hot(parts: list[Steps]) -> tuple[list[Steps], dict[str, list[str]]]:
+    """Return steps in which discrete actions have a number for each of their values, and these."""
+    choices: dict[str, list[str]] = {}
+    for key in parts[0].actions:
+        found = [part.actions.get(key, np.empty(0)) for part in parts]
+        if not all(one.dtype.kind in 'iu' and one.size == len(one) for one in found):
+            continue
+        values = np.unique(np.concatenate([one.ravel() for one in found]))
+        if 2 <= len(values) <= _MOST_CHOICES:
+            choices[key] = [str(value) for value in values]
+            parts = [
+                replace(part, actions={**part.actions, key: one.reshape(-1, 1) == values})
+                for part, one in zip(parts, found, strict=True)
+            ]
+    return parts, choices

@@ -1,0 +1,149 @@
+# SPDX-License-Identifier: Apache-2.0
+
+"""A table whose rows are messages: its columns are fields, each row has a time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from types import SimpleNamespace
+
+import numpy as np
+
+from cmifs_ros.collect.recorded_episodes import RecordingError
+
+#: Columns that tell the time of a row: in seconds, or as dates; in nanoseconds; as ROS does.
+SECONDS, NANOSECONDS = 'timestamp', 'timestamp_ns'
+STAMP = ('header.stamp.sec', 'header.stamp.nanosec')
+#: So many rows of a column are decoded at a time.
+_BLOCK = 1000
+
+
+class Column:
+    """A column, of which a block of rows is in memory.
+
+    Parameters
+    ----------
+    read : callable
+        Returns the values of the rows from one number to another.
+
+    """
+
+    def __init__(self, read: Callable[[int, int], Sequence]):
+        self._read = read
+        self._begin, self._block = 0, read(0, 0)
+
+    def __getitem__(self, row: int):
+        if not 0 <= row - self._begin < len(self._block):
+            self._begin = row - row % _BLOCK
+            self._block = self._read(self._begin, self._begin + _BLOCK)
+        return self._block[row - self._begin]
+
+
+class Table:
+    """A table.
+
+    Parameters
+    ----------
+    name : str
+        For messages.
+    columns : mapping of str to Column
+        By their names: dots separate fields of fields, as in `pose.position.x`.
+    times : numpy.ndarray of int, shape (rows,)
+        In nanoseconds; see `times_of`.
+    num_bytes : int
+
+    Raises
+    ------
+    RecordingError
+        If one column's name is a part of another's.
+
+    """
+
+    def __init__(self, name: str, columns: Mapping[str, Column], times: np.ndarray, num_bytes: int):
+        self.times, self.num_bytes = times, num_bytes
+        self._fields: dict = {}
+        for column in sorted(columns):
+            *above, last = column.split('.')
+            fields = self._fields
+            for part in above:
+                fields = fields.setdefault(part, {})
+                if not isinstance(fields, dict):
+                    raise RecordingError(
+                        f'{name} has a column {column!r} and one that is called as its beginning; '
+                        'expected other names'
+                    )
+            fields[last] = columns[column]
+
+    def messages(self) -> Iterator[tuple[int, object]]:
+        """Yield time and message of each row, in the order of time."""
+        for row in np.argsort(self.times, kind='stable').tolist():
+            yield int(self.times[row]), _Message(self._fields, row)
+
+
+class _Message:
+    """A row, with the columns as attributes; they are decoded when they are asked for."""
+
+    def __init__(self, fields: dict, row: int):
+        self._fields, self._row = fields, row
+
+    def __getattr__(self, name: str):
+        if name not in self._fields:
+            raise AttributeError(name)
+        found = self._fields[name]
+        return _Message(found, self._row) if isinstance(found, dict) else _plain(found[self._row])
+
+    def __dir__(self):
+        return list(self._fields)
+
+
+def _plain(value):
+    """Return a value of a column; structures get attributes, as messages have."""
+    if isinstance(value, np.generic):  # Of 32 bits, a stamp would overflow.
+        return value.item()
+    if isinstance(value, dict):
+        return SimpleNamespace(**{key: _plain(part) for key, part in value.items()})
+    if isinstance(value, list) and value and isinstance(value[0], dict):
+        return [_plain(part) for part in value]
+    return value
+
+
+def times_of(name: str, columns: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Return the times of rows in nanoseconds.
+
+    Parameters
+    ----------
+    name : str
+        Of the table, for messages.
+    columns : mapping of str to numpy.ndarray
+        Those among `SECONDS`, `NANOSECONDS` and `STAMP` that there are.
+
+    Raises
+    ------
+    RecordingError
+        If there are none, or a time is missing.
+
+    """
+    if NANOSECONDS in columns:
+        times = columns[NANOSECONDS]
+    elif SECONDS in columns:
+        times = columns[SECONDS]
+        if times.dtype.kind == 'M':
+            times = times.astype('datetime64[ns]').astype(np.int64)
+        elif times.dtype.kind == 'f':
+            times = times.astype(float) * 1e9
+        elif times.dtype.kind in 'iu':
+            times = times.astype(np.int64) * 10**9
+    elif all(part in columns for part in STAMP):
+        seconds, rest = (columns[part].astype(np.int64) for part in STAMP)
+        times = seconds * 10**9 + rest
+    else:
+        raise RecordingError(
+            f'{name} has no column {SECONDS} (seconds or dates), {NANOSECONDS} or {STAMP[0]}, '
+            'which tells the time of a row; with a robot file, rows are messages'
+        )
+    if times.dtype.kind not in 'iuf':
+        raise RecordingError(f'{name}: the times are {times.dtype}; expected numbers or dates')
+    bad = np.flatnonzero(~np.isfinite(times) | (times < 0))
+    if len(bad):
+        raise RecordingError(f'{name} has no time in row {bad[0]}; expected one in each row')
+    return np.round(times).astype(np.int64)

@@ -1,0 +1,223 @@
+# SPDX-License-Identifier: Apache-2.0
+
+"""Tables whose rows are messages: a bag, its tables and its HDF5 file have the same episodes."""
+
+from random import Random
+
+import numpy as np
+import pytest
+
+pytest.importorskip('pyarrow', reason='pyarrow is not here')
+import pyarrow as pa
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pyarrow import csv, parquet
+from streams import ROBOTS, STATUS, arrivals, as_message, collected, streams
+
+from cmifs_ros.collect.bag import episodes_of_bag, open_bag
+from cmifs_ros.collect.recorded_episodes import RecordingError
+from cmifs_ros.collect.recording import episodes_of_recording, recordings_in
+from cmifs_ros.collect.robot_file.reader import parse_robot_file
+from cmifs_ros.collect.sampling.bag_reader import messages_of
+
+ROBOT = """
+step: {topic: /pose}
+channels:
+  x: /pose.pose.position.x
+  yaw: {path: /pose.pose.orientation, as: yaw}
+  noise: {path: /noise.data}
+  ray: "/scan.ranges[0:20:10]"
+  arm: "/arm.velocity{knee,hip}"
+values:
+  pay: /pay.data
+reward: pay
+episode: {steps: 5}
+"""
+
+
+def content_of(recorded):
+    parts = [
+        (e.states.tobytes(), e.rewards.tobytes(), e.actions.tobytes(), s.tobytes())
+        for e, s in zip(recorded.episodes, recorded.stamps, strict=True)
+    ]
+    return parts, recorded.channel_names, dict(recorded.dropped)
+
+
+def flat(message, start=''):
+    """Return the fields of a message of rosbags, with dots between."""
+    found = {}
+    for name in vars(message):
+        value = getattr(message, name)
+        if hasattr(value, '__msgtype__'):
+            found |= flat(value, f'{start}{name}.')
+        elif not name.startswith('_'):
+            found[start + name] = value.tolist() if isinstance(value, np.ndarray) else value
+    return found
+
+
+@pytest.fixture
+def bag(tmp_path):
+    """Return a bag's path and the rows of its topics."""
+    pytest.importorskip('rosbags', reason='rosbags is not here')
+    from bags import write_bag
+
+    write_bag(tmp_path / 'bag')
+    rows = {}
+    with open_bag(tmp_path / 'bag') as reader:
+        for topic, message, recorded in messages_of(reader, 'bag', reader.topics):
+            rows.setdefault(topic[1:], []).append({'timestamp_ns': recorded, **flat(message)})
+    return tmp_path / 'bag', rows
+
+
+def test_a_bag_and_its_parquet_files_have_the_same_episodes(bag, tmp_path):
+    path, rows = bag
+    (tmp_path / 'run').mkdir()
+    for topic, of_topic in rows.items():
+        table = pa.Table.from_pylist(of_topic)
+        parquet.write_table(table, tmp_path / 'run' / f'{topic}.parquet')
+    robot = parse_robot_file(ROBOT)
+    found = episodes_of_recording(tmp_path / 'run', robot)
+    assert content_of(found) == content_of(episodes_of_bag(path, robot))
+    assert len(found.episodes) == 25
+    # Steps at 0.1 s for 15 s.
+    assert found.traffic.messages['/pose'] == 151
+    assert found.traffic.seconds == pytest.approx(15.0, abs=0.01)
+    assert recordings_in(tmp_path / 'run', robot) == [tmp_path / 'run']
+
+
+def test_a_bag_and_its_csv_files_have_the_same_episodes(bag, tmp_path):
+    path, rows = bag
+    (tmp_path / 'run').mkdir()
+    for topic in ('pose', 'noise', 'pay'):
+        table = pa.Table.from_pylist(rows[topic])
+        csv.write_csv(table, tmp_path / 'run' / f'{topic}.csv')
+    lines = [line for line in ROBOT.splitlines() if 'ray:' not in line and 'arm:' not in line]
+    robot = parse_robot_file('\n'.join(lines))
+    found = episodes_of_recording(tmp_path / 'run', robot)
+    assert content_of(found) == content_of(episodes_of_bag(path, robot))
+
+
+def test_a_bag_and_its_hdf5_file_have_the_same_episodes(bag, tmp_path):
+    h5py = pytest.importorskip('h5py', reason='h5py is not here')
+    path, rows = bag
+    with h5py.File(tmp_path / 'run.hdf5', 'w') as file:
+        for topic, of_topic in rows.items():
+            for name in of_topic[0]:
+                file[f'{topic}/{name.replace(".", "/")}'] = [row[name] for row in of_topic]
+    robot = parse_robot_file(ROBOT)
+    found = episodes_of_recording(tmp_path / 'run.hdf5', robot)
+    assert content_of(found) == content_of(episodes_of_bag(path, robot))
+
+
+@settings(max_examples=25, deadline=None)
+@given(streams(is_set_back=False), st.sampled_from(ROBOTS), st.integers(0, 2**32))
+def test_tables_and_live_messages_have_the_same_episodes(sent, robot, seed):
+    arrived = arrivals(sent, robot.topics, Random(seed))
+    rows = {topic: [] for topic in robot.topics}
+    for received, topic, message in arrived:
+        content = as_message(topic, message)
+        row = {'timestamp_ns': received, **vars(content)}
+        if topic == STATUS:
+            goals = [{'status': g.status, 'goal_info': {'goal_id': vars(g.goal_info.goal_id)}}
+                     for g in content.status_list]  # fmt: skip
+            row['status_list'] = goals
+        elif message.stamp is not None:
+            row['header'] = {'stamp': vars(content.header.stamp)}
+        rows[topic].append(row)
+    tables = {topic: pa.Table.from_pylist(of_topic) for topic, of_topic in rows.items()}
+    expected = collected(robot, arrived, max_lateness=None)
+    found = episodes_of_recording(tables, robot)
+    contents = [(e.states.tobytes(), e.rewards.tobytes(), e.actions.tobytes())
+                for e in found.episodes]  # fmt: skip
+    assert contents == expected.episodes
+
+
+WIDE = parse_robot_file(
+    'step: {rate: 10.0}\nchannels: {x: /run.x, slow: {path: /run.slow, max_age: 5.0}}\n'
+    'reward: x\nepisode: {steps: 4}\n'
+)
+
+
+def wide(pandas, num_rows=100):
+    """Return a frame of ten rows a second, of which each twentieth has a value of `slow`."""
+    numbers = np.arange(num_rows, dtype=float)
+    slow = np.where(numbers % 20 == 0, numbers, np.nan)
+    return pandas.DataFrame({'timestamp': numbers / 10, 'x': numbers, 'slow': slow})
+
+
+@pytest.mark.parametrize('times', ['seconds', 'dates', 'whole seconds'])
+def test_a_single_frame_is_the_topic_whatever_it_is_called(times):
+    pandas = pytest.importorskip('pandas', reason='pandas is not here')
+    frame = wide(pandas)
+    if times == 'dates':
+        frame['timestamp'] = pandas.Timestamp('2026-01-01') + pandas.to_timedelta(
+            frame['timestamp'], unit='s'
+        )
+    elif times == 'whole seconds':
+        frame['timestamp'] = np.arange(len(frame))
+    robot = WIDE
+    if times == 'whole seconds':
+        robot = parse_robot_file(
+            'step: {rate: 1.0}\nchannels: {x: {path: /run.x, max_age: 9.0}, '
+            'slow: {path: /run.slow, max_age: 50.0}}\nreward: x\nepisode: {steps: 4}\n'
+        )
+    found = episodes_of_recording(frame, robot)
+    # An empty cell is no message of this field: what was said before stays.
+    for episode in found.episodes:
+        np.testing.assert_array_equal(episode.states[:, 1], episode.states[:, 0] // 20 * 20)
+    # Steps 0 to 3 and what step 3 reaches, then the next episode.
+    assert [e.states[0, 0] for e in found.episodes[:3]] == [0.0, 5.0, 10.0]
+    assert not found.dropped
+
+
+def test_rows_in_any_order_are_sorted_by_their_time(tmp_path):
+    pandas = pytest.importorskip('pandas', reason='pandas is not here')
+    frame = wide(pandas)
+    mixed = frame.sample(frac=1, random_state=0)
+    expected, found = (content_of(episodes_of_recording(f, WIDE)) for f in (frame, mixed))
+    assert found == expected
+
+
+@pytest.mark.parametrize(
+    ('columns', 'said'),
+    [
+        ({'x': [1.0]}, 'has no column timestamp (seconds or dates), timestamp_ns or '
+         'header.stamp.sec, which tells the time of a row'),
+        ({'timestamp': [0.0, None], 'x': [1.0, 2.0]}, 'has no time in row 1'),
+        ({'timestamp': ['soon'], 'x': [1.0]}, 'the times are object; expected numbers or dates'),
+        ({'timestamp': [0.0], 'x': [1.0], 'x.y': [1.0]}, "has a column 'x.y' and one that is "
+         'called as its beginning'),
+    ],
+)  # fmt: skip
+def test_a_table_that_cannot_be_used_is_one_sentence(tmp_path, columns, said):
+    parquet.write_table(pa.table(columns), tmp_path / 'run.parquet')
+    with pytest.raises(RecordingError) as error:
+        episodes_of_recording(tmp_path / 'run.parquet', WIDE)
+    assert said in str(error.value)
+
+
+def test_a_column_that_a_table_lacks_is_named():
+    found = episodes_of_recording(pa.table({'timestamp': [0.0, 0.1], 'y': [1.0, 2.0]}), WIDE)
+    (said,) = (cause for cause in found.dropped if 'wrong messages' in cause)
+    assert "/run has no field 'slow'; expected one of timestamp, y" in said
+
+
+def test_a_table_that_the_robot_file_names_and_is_not_there_is_named(tmp_path):
+    for name in ('one', 'two'):
+        table = pa.table({'timestamp': [0.0], 'x': [1.0]})
+        parquet.write_table(table, tmp_path / f'{name}.parquet')
+    with pytest.raises(RecordingError, match=r'lacks /run of the robot file; it has /one, /two'):
+        episodes_of_recording(tmp_path, WIDE)
+
+
+def test_what_is_no_recording_is_one_sentence(tmp_path):
+    (tmp_path / 'page.html').write_text('<p>')
+    for path in (tmp_path, tmp_path / 'page.html'):
+        for robot in (None, WIDE):
+            with pytest.raises(RecordingError, match='is no recording; expected a bag'):
+                episodes_of_recording(path, robot)
+    (tmp_path / 'torn.parquet').write_bytes(b'PAR1')
+    with pytest.raises(RecordingError, match='cannot be read as parquet'):
+        episodes_of_recording(tmp_path / 'torn.parquet')
+    with pytest.raises(RecordingError, match='int is no data frame'):
+        episodes_of_recording(3)
