@@ -9,6 +9,7 @@ import textwrap
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from statistics import NormalDist
+from typing import Any
 
 from cmifs_ros.core.effect import Effect
 from cmifs_ros.core.selection import Selection, SensorResult
@@ -17,6 +18,7 @@ from cmifs_ros.core.targets import ACTION, DECISION, RETURN
 from cmifs_ros.core.words import counted, first, listed, short
 
 from .selection_report import LINE_WIDTH, interval, share
+from .sensor_topics import rate_fields
 from .traffic import Rate, rate_in_words
 
 #: Chance that a sensor that adds as much as the margin is called dispensable, and that anything is
@@ -75,8 +77,8 @@ def advice_of(
 ) -> Advice:
     """Return what follows from a selection.
 
-    Kept is what is selected or confirmed: what is dispensable is so beside the selected sensors. A
-    topic can go when all its channels can.
+    Kept is what is selected or confirmed, for what is dispensable is so beside the selected
+    sensors, and what is needed in any case. A topic can go when all its channels can.
 
     Parameters
     ----------
@@ -108,8 +110,12 @@ def advice_of(
                 notes += ('selected, but not confirmed',)
             keep.append(Item(name, notes, rate))
         elif None not in found and all(sensor.status == DISPENSABLE for sensor in sensors):
-            notes = _added(name, sensors, _at_most) + _conditions(sensors, name in needed)
-            can_go.append(Item(name, notes, rate))
+            notes = _added(name, sensors, _at_most) + _conditions(sensors)
+            if name in needed:
+                notes += ('but actions, steps, reward or ends of episodes need the topic',)
+                keep.append(Item(name, notes, rate))
+            else:
+                can_go.append(Item(name, notes, rate))
         else:
             more = _most([_more_episodes(s, selection) for s in found])
             undecided.append(Item(name, _added(name, sensors, _range), rate, more))
@@ -138,7 +144,7 @@ def _range(effect: Effect) -> str:
     return f'adds {interval(effect)}'
 
 
-def _conditions(sensors: Sequence[SensorResult], is_needed: bool) -> tuple[str, ...]:
+def _conditions(sensors: Sequence[SensorResult]) -> tuple[str, ...]:
     """Return what is to be known before sensors are switched off."""
     found = []
     redundant = dict.fromkeys(name for sensor in sensors for name in sensor.redundant_with)
@@ -146,8 +152,6 @@ def _conditions(sensors: Sequence[SensorResult], is_needed: bool) -> tuple[str, 
         found.append(f'as long as {listed(list(redundant))} stays')
     if any(sensor.is_constant for sensor in sensors):
         found.append('never changed in these episodes')
-    if is_needed:
-        found.append('but actions, steps, reward or ends of episodes need the topic')
     return tuple(found)
 
 
@@ -183,14 +187,16 @@ def _rounded_up(number: float) -> int:
     return int(math.ceil(number / unit) * unit)
 
 
-def advice_fields(advice: Advice) -> dict[str, list]:
+def advice_fields(advice: Advice) -> dict[str, Any]:
     """Return advice as JSON says it; docs/interface.md lists the fields."""
+    items = [*advice.keep, *advice.can_go, *advice.undecided]
     return {
         'keep': [item.name for item in advice.keep],
         'can_go': [item.name for item in advice.can_go],
         'undecided': [
             {'name': item.name, 'more_episodes': item.more_episodes} for item in advice.undecided
         ],
+        'rates': rate_fields({item.name: item.rate for item in items if item.rate is not None}),
     }
 
 

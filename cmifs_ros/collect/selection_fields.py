@@ -17,6 +17,7 @@ from cmifs_ros.core.statuses import STATUSES
 from cmifs_ros.core.targets import TARGETS
 
 from .advice import advice_fields, advice_of
+from .sensor_topics import SensorTopics
 
 #: Of the fields; it changes where an old reader would misread them.
 VERSION = 2
@@ -24,10 +25,10 @@ VERSION = 2
 _MAX_TEXT, _MAX_WARNINGS = 1000, 100
 
 
-def fields_of(selection: Selection) -> dict[str, Any]:
+def fields_of(selection: Selection, topics: SensorTopics | None = None) -> dict[str, Any]:
     """Return what JSON says of a selection; docs/interface.md lists it.
 
-    The means and spreads of the data are not in it.
+    The means and spreads of the data are not in it. The advice is of topics where these are known.
     """
     return {
         'version': VERSION,
@@ -47,7 +48,7 @@ def fields_of(selection: Selection) -> dict[str, Any]:
         'margin': selection.margin,
         'warnings': selection.warnings,
         'doubt': selection.doubt,
-        'advice': advice_fields(advice_of(selection)),
+        'advice': advice_fields(advice_of(selection, *(topics or ()))),
     }
 
 

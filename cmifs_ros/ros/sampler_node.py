@@ -31,6 +31,7 @@ from .run_node import run_node
 from .sampler_status import SamplerStatus
 from .selected_state import SelectedState
 from .topic_saving import TopicSaving
+from .topic_traffic import TopicTraffic
 
 PARAMETERS = (
     Spec('robot_file', '', 'Path of the robot file.', read_only=True),
@@ -65,7 +66,10 @@ class SamplerNode(Node):
         is_simulated = self.get_parameter('use_sim_time').value
         # Before `state`, by which the selector knows who needs no relay.
         self._selected_state = SelectedState(self, self._robot, settings, is_simulated)
-        self._saving = TopicSaving(self, self._sampler.saving) if self._robot.saving else None
+        self._traffic = TopicTraffic(self, self._robot)
+        self._saving: TopicSaving | None = None
+        if self._robot.saving:
+            self._saving = TopicSaving(self, self._sampler.saving, self._traffic.meter)
         self._state_publisher = self.create_publisher(JointState, 'state', STREAM_QOS)
         self._action_publisher = None
         if self._robot.action_names:
@@ -155,8 +159,7 @@ class SamplerNode(Node):
             # that ask for the message's info.
             received = self._simulated or self.get_clock().now().nanoseconds
             self._selected_state.take(topic, message, received)
-            if self._saving is not None:
-                self._saving.take(topic, message)
+            self._traffic.take(topic, message)
             steps = self._sampler.add(topic, message, received)
         except Exception as error:  # A message of whatever type must not end the node.
             self._sampler.note_wrong(topic, f'{type(error).__name__}: {error}')
@@ -192,6 +195,7 @@ class SamplerNode(Node):
                     self.get_logger().error(problem)
         for line in self._status.news():
             self.get_logger().warning(line)
+        self._traffic.report(self._sampler.saving.off)
         statuses = [*self._status.statuses(problems), self._selected_state.status()]
         if self._saving is not None:
             statuses.append(self._saving.status())

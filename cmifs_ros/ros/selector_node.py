@@ -39,6 +39,7 @@ from cmifs_ros.core.words import counted, listed
 
 from . import conversions, diagnostics, selector_status
 from .deferred_service import DeferredReplies
+from .heard_topics import HeardTopics
 from .parameters import declare
 from .qos import LATCHED_QOS, STREAM_QOS
 from .run_node import run_node
@@ -98,6 +99,7 @@ class SelectorNode(Node):
         self._scores_publisher = self.create_publisher(JointState, 'scores', LATCHED_QOS)
         self._selection_publisher = self.create_publisher(String, 'selection', LATCHED_QOS)
         self._relay = StateRelay(self, self._settings)
+        self._topics = HeardTopics(self)
         self._diagnostics_publisher = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
         self._input = SelectorInput(
             self,
@@ -236,7 +238,7 @@ class SelectorNode(Node):
         if outcome.selection is None:
             counts = {'episodes': len(self._buffer), 'min_episodes': self._settings['min_episodes']}
             return {'error': outcome.error} | counts
-        reply = fields_of(outcome.selection)
+        reply = fields_of(outcome.selection, self._topics.of(outcome.selection))
         return reply | {'error': outcome.error} if outcome.error else reply
 
     def _make_job(self, cause: str) -> Job:
@@ -341,7 +343,8 @@ class SelectorNode(Node):
         )
 
     def _publish_selection(self) -> None:
-        fields = fields_of(self._in_use.selection)
+        selection = self._in_use.selection
+        fields = fields_of(selection, self._topics.of(selection))
         self._selection_publisher.publish(String(data=json.dumps(fields)))
 
     def _tell_doubt(self) -> None:

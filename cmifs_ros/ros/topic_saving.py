@@ -5,11 +5,9 @@
 from __future__ import annotations
 
 import json
-import time
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.node import Node
-from rclpy.serialization import serialize_message
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
@@ -22,32 +20,24 @@ from .qos import LATCHED_QOS
 
 
 class TopicSaving:
-    """Give selections to `saving`; publish `switched_off`, serve `~/explore`, measure traffic.
+    """Give selections to `saving`; publish `switched_off`, serve `~/explore`, say what is saved.
 
     Parameters
     ----------
     node : rclpy.node.Node
     saving : Saving
+    meter : TrafficMeter
+        Measures what topics carry.
 
     """
 
-    def __init__(self, node: Node, saving: Saving):
-        self._node, self._saving = node, saving
-        self._meter = TrafficMeter()
-        self._weighed: set[str] = set()  # Topics since the last status.
+    def __init__(self, node: Node, saving: Saving, meter: TrafficMeter):
+        self._node, self._saving, self._meter = node, saving, meter
         self._told: frozenset[str] | None = None
-        self._looked_at = time.monotonic(), time.process_time()
         self._publisher = node.create_publisher(String, 'switched_off', LATCHED_QOS)
         node.create_subscription(String, 'selection', self._on_selection, LATCHED_QOS)
         node.create_service(Trigger, '~/explore', self._on_explore)
         self.tell()
-
-    def take(self, topic: str, message) -> None:
-        """Count a message; one of each topic a second is weighed."""
-        self._meter.take(topic)
-        if topic not in self._weighed:
-            self._weighed.add(topic)
-            self._meter.weigh(topic, len(serialize_message(message)))
 
     def tell(self) -> None:
         """Publish which topics are switched off, if that has changed."""
@@ -61,11 +51,6 @@ class TopicSaving:
 
     def status(self) -> DiagnosticStatus:
         """Return what is to be said of it once a second."""
-        now = time.monotonic(), time.process_time()
-        seconds, cpu_seconds = (at - then for at, then in zip(now, self._looked_at, strict=True))
-        self._looked_at = now
-        self._meter.pass_time(seconds, cpu_seconds, self._told or ())
-        self._weighed.clear()
         saved = self._meter.saved
         messages = sum(of.messages for of in saved.values())
         values = {

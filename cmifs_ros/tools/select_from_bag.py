@@ -27,6 +27,7 @@ from cmifs_ros.collect.robot_file import RobotFile, RobotFileError, load_robot_f
 from cmifs_ros.collect.robot_file.model import SOURCES
 from cmifs_ros.collect.selection_fields import fields_of
 from cmifs_ros.collect.sensor_groups import groups_by_name
+from cmifs_ros.collect.sensor_topics import SensorTopics
 from cmifs_ros.collect.traffic import rates_of
 from cmifs_ros.core import ConditionalMISelector
 from cmifs_ros.core.selection import Selection, select
@@ -244,12 +245,13 @@ def _write(
     from .ranking import draw_ranking, ranking_text
 
     dropped = sum((Counter(one.dropped) for one in recordings), Counter())
-    advice = _advice(selection, recordings, robot)
+    topics = _topics(recordings, robot)
+    advice = advice_of(selection, *(topics or ()))
     print(f'\n{ranking_text(selection)}\n')
     print(f'selected: {", ".join(selection.names) or "nothing"} ({selection.seconds:.1f} s)')
     options.out.mkdir(parents=True, exist_ok=True)
     written = [options.out / 'selection.json', options.out / 'selection.png']
-    written[0].write_text(json.dumps(fields_of(selection), indent=1) + '\n')
+    written[0].write_text(json.dumps(fields_of(selection, topics), indent=1) + '\n')
     draw_ranking(selection).savefig(written[1], dpi=150)
     if options.episodes_file:
         # A selector that starts with a selection of nothing would publish nothing.
@@ -271,18 +273,16 @@ def _write(
     print('\n'.join(['', *advice_lines(advice)]))
 
 
-def _advice(
-    selection: Selection, recordings: list[RecordedEpisodes], robot: RobotFile | None
-) -> Advice:
+def _topics(recordings: list[RecordedEpisodes], robot: RobotFile | None) -> SensorTopics | None:
     if robot is None:
-        return advice_of(selection)
+        return None
     rates = rates_of([one.traffic for one in recordings])
-    return advice_of(selection, robot.channel_topics, rates, robot.topics_for(()))
+    return SensorTopics(robot.channel_topics, rates, robot.topics_for(()))
 
 
 def _record_arguments(advice: Advice, robot: RobotFile) -> str:
     """Return what `ros2 bag record` takes to record all but the topics that can go."""
-    gone = {item.name for item in advice.can_go} - set(robot.topics_for(()))
+    gone = {item.name for item in advice.can_go}
     topics = [topic for topic in robot.topics if topic not in gone]
     hidden = ['--include-hidden-topics'] if any('/_' in topic for topic in topics) else []
     return ' '.join([*hidden, '--topics', *topics])

@@ -70,6 +70,10 @@ def test_messages_and_bytes_are_told_of_each_topic_and_together():
     assert '  /noise: noise adds at most 0.2%; 100 messages/s, 2.5 MB/s' in lines
     assert '  /radio: radio adds at most 0.2%; 0.5 messages/s, 40 B/s' in lines
     assert '  /x: x adds 40.0%' in lines
+    assert advice_fields(advice_of(selection(X, NOISE, RADIO), topics, rates))['rates'] == {
+        '/noise': {'messages_per_s': 100.0, 'bytes_per_s': 2.5e6},
+        '/radio': {'messages_per_s': 0.5, 'bytes_per_s': 40.0},
+    }
     assert lines[-1] == 'undecided: nothing'
 
 
@@ -83,6 +87,9 @@ def test_conditions_are_told():
     lines = advice_lines(advice_of(selection(X, NOISE, RADIO), topics, needed=['/radio']))
     needed = [line for line in lines if 'steps, reward or ends of episodes need' in line]
     assert [line.split(':')[0] for line in needed] == ['  /radio']
+    # A program that switches off what can go must not take it.
+    fields = advice_fields(advice_of(selection(X, NOISE, RADIO), topics, needed=['/radio']))
+    assert (fields['keep'], fields['can_go']) == (['/x', '/radio'], ['/noise'])
 
 
 @pytest.mark.parametrize(('target', 'what'), [('return', 'return'), ('action', 'looks at')])

@@ -88,6 +88,7 @@ def test_what_follows_is_said_too():
     undecided = sensor('y', pvalue=0.2, effect=Effect(0.01, 0.02))
     assert fields_of(replace(GOOD, sensors=(GOOD.sensors[0], undecided)))['advice'] == {
         'keep': ['x'], 'can_go': [], 'undecided': [{'name': 'y', 'more_episodes': 300}],
+        'rates': {},
     }  # fmt: skip
 
 

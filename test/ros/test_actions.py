@@ -5,6 +5,7 @@
 import json
 
 import pytest
+from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 
@@ -122,3 +123,10 @@ def test_what_a_skilled_robot_looks_at_shows_in_its_own_topics_without_a_reward(
     reply = json.loads(robot.call(robot.select_client).message)
     assert reply['names'] == ['hue']
     assert reply['sensors'][0]['why'] in {'bin.0', 'bin.1'}
+    # The advice is of topics, with what came on them.
+    assert reply['advice']['keep'] == ['/belt']
+    assert reply['advice']['can_go'] == []
+    rate = reply['advice']['rates']['/belt']
+    assert rate['messages_per_s'] > 0
+    size = len(serialize_message(JointState(position=[0.0] * len(NAMES))))
+    assert rate['bytes_per_s'] / rate['messages_per_s'] == pytest.approx(size, rel=0.02)

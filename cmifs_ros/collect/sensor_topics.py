@@ -1,0 +1,87 @@
+# SPDX-License-Identifier: Apache-2.0
+
+"""Which topics channels come from, and what these carry: from the sampler to the selector."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+from cmifs_ros.core.channel_names import MAX_CHANNELS, MAX_NAME_LENGTH
+
+from .traffic import Rate
+
+
+class SensorTopics(NamedTuple):
+    """The topics of a robot file.
+
+    Attributes
+    ----------
+    topics : mapping of str to str
+        The topic of each channel.
+    rates : mapping of str to Rate
+        By topic, as received.
+    needed : tuple of str
+        Topics that actions, steps, reward or ends of episodes need, whatever channels they have.
+
+    """
+
+    topics: Mapping[str, str]
+    rates: Mapping[str, Rate]
+    needed: tuple[str, ...]
+
+
+def topic_fields(found: SensorTopics) -> dict[str, Any]:
+    """Return sensor topics as JSON says them; docs/interface.md lists the fields."""
+    return {
+        'channels': dict(found.topics),
+        'rates': rate_fields(found.rates),
+        'needed': list(found.needed),
+    }
+
+
+def rate_fields(rates: Mapping[str, Rate]) -> dict[str, dict[str, float]]:
+    """Return rates by topic as JSON says them."""
+    return {
+        topic: {'messages_per_s': _short(rate.messages), 'bytes_per_s': _short(rate.bytes)}
+        for topic, rate in rates.items()
+    }
+
+
+def sensor_topics_of(fields: dict[str, Any]) -> SensorTopics:
+    """Return the sensor topics that JSON says, which may say anything.
+
+    Raises
+    ------
+    ValueError, TypeError, KeyError, AttributeError
+        If a field is missing or cannot be one.
+
+    """
+    topics = {_name(channel): _name(topic) for channel, topic in fields['channels'].items()}
+    rates = {
+        _name(topic): Rate(_rate(rate['messages_per_s']), _rate(rate['bytes_per_s']))
+        for topic, rate in fields['rates'].items()
+    }
+    needed = tuple(_name(topic) for topic in fields['needed'])
+    count = max(len(topics), len(rates), len(needed))
+    if count > MAX_CHANNELS:
+        raise ValueError(f'{count} channels or topics; expected at most {MAX_CHANNELS}')
+    return SensorTopics(topics, rates, needed)
+
+
+def _name(value) -> str:
+    if not isinstance(value, str) or not 0 < len(value) <= MAX_NAME_LENGTH:
+        raise ValueError(f'{value!r:.40} in place of a name of 1 to {MAX_NAME_LENGTH} characters')
+    return value
+
+
+def _short(number: float) -> float:
+    return float(f'{number:.3g}')
+
+
+def _rate(value) -> float:
+    rate = float(value)
+    if not 0 <= rate < math.inf:
+        raise ValueError(f'a rate of {rate}; expected 0 or more')
+    return rate

@@ -1,0 +1,44 @@
+# SPDX-License-Identifier: Apache-2.0
+
+"""What the selector hears of the topics behind its channels, if a sampler tells."""
+
+from __future__ import annotations
+
+import json
+
+from rclpy.node import Node
+from std_msgs.msg import String
+
+from cmifs_ros.collect.sensor_topics import SensorTopics, sensor_topics_of
+from cmifs_ros.core.selection import Selection
+
+from .qos import LATCHED_QOS
+
+
+class HeardTopics:
+    """Subscribe to `channel_topics`.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+
+    """
+
+    def __init__(self, node: Node):
+        self._node = node
+        self._newest: SensorTopics | None = None
+        node.create_subscription(String, 'channel_topics', self._take, LATCHED_QOS)
+
+    def of(self, selection: Selection) -> SensorTopics | None:
+        """Return the newest topics if they are those of the selection's channels."""
+        channels = {channel for sensor in selection.sensors for channel in sensor.channels}
+        is_of_it = self._newest is not None and self._newest.topics.keys() == channels
+        return self._newest if is_of_it else None
+
+    def _take(self, message: String) -> None:
+        try:
+            self._newest = sensor_topics_of(json.loads(message.data))
+        except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
+            self._node.get_logger().warning(
+                f'channel_topics cannot be read: {error!r}', throttle_duration_sec=60.0
+            )

@@ -1,0 +1,71 @@
+# SPDX-License-Identifier: Apache-2.0
+
+"""What the sampler tells the selector of its topics: their channels, and what they carry."""
+
+from __future__ import annotations
+
+import json
+import time
+
+from rclpy.node import Node
+from rclpy.serialization import serialize_message
+from std_msgs.msg import String
+
+from cmifs_ros.collect.robot_file.model import RobotFile
+from cmifs_ros.collect.sensor_topics import SensorTopics, topic_fields
+from cmifs_ros.collect.traffic import TrafficMeter
+
+from .qos import LATCHED_QOS
+
+
+class TopicTraffic:
+    """Measure the topics of a robot file, and publish `channel_topics`.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+    robot : RobotFile
+
+    Attributes
+    ----------
+    meter : TrafficMeter
+
+    """
+
+    def __init__(self, node: Node, robot: RobotFile):
+        self._node, self._robot = node, robot
+        self.meter = TrafficMeter()
+        self._weighed: set[str] = set()  # Topics since the last report.
+        self._looked_at = time.monotonic(), time.process_time()
+        self._told = ''
+        self._publisher = node.create_publisher(String, 'channel_topics', LATCHED_QOS)
+        self._publish()
+
+    def take(self, topic: str, message) -> None:
+        """Count a message; one of each topic a second is weighed."""
+        self.meter.take(topic)
+        if topic not in self._weighed:
+            self._weighed.add(topic)
+            self.meter.weigh(topic, len(serialize_message(message)))
+
+    def report(self, off: frozenset[str]) -> None:
+        """Publish the rates; to be called once a second with the topics that are switched off."""
+        now = time.monotonic(), time.process_time()
+        seconds, cpu_seconds = (at - then for at, then in zip(now, self._looked_at, strict=True))
+        self._looked_at = now
+        self.meter.pass_time(seconds, cpu_seconds, off)
+        self._weighed.clear()
+        self._publish()
+
+    def _publish(self) -> None:
+        name = self._node.resolve_topic_name
+        rates = {topic: self.meter.rate(topic) for topic in self._robot.topics}
+        found = SensorTopics(
+            {channel: name(topic) for channel, topic in self._robot.channel_topics.items()},
+            {name(topic): rate for topic, rate in rates.items() if rate.messages},
+            tuple(map(name, self._robot.topics_for(()))),
+        )
+        text = json.dumps(topic_fields(found))
+        if text != self._told:
+            self._told = text
+            self._publisher.publish(String(data=text))
