@@ -25,22 +25,13 @@ from rclpy.signals import SignalHandlerOptions
 from std_srvs.srv import Trigger
 from tqdm import tqdm
 
-from cmifs_ros.collect.advice import advice_lines, advice_of
 from cmifs_ros.collect.selection_fields import selection_of
-from cmifs_ros.collect.selection_report import headline
-from cmifs_ros.core.selection import Selection
-from cmifs_ros.sim import SCENARIOS, channel_names
+from cmifs_ros.sim import channel_names
 
-from .arguments import file_to_write
+from .demo_report import demo_parser, parsed, print_selection, save_picture
 from .processes import InterruptionError, Processes, executable, stay_apart
 from .program import CommandError
-from .ranking import draw_ranking, ranking_text
 
-#: What matters in each world, known because the world is ours; only used to comment the result.
-RELEVANT = {
-    'without_gravel': ('x', 'y'),
-    'with_gravel': ('x', 'y', 'battery', 'gravel'),
-}
 #: Steps per second after the episodes are collected: slow enough to read.
 SHOW_RATE = 10.0
 #: The simulator stops after the episodes to select from, that these are the same ones each time,
@@ -52,13 +43,6 @@ GO_ON = [
 #: Selected states to show, and how much of each: a terminal has 80 columns.
 NUM_SHOWN = 3
 _LINE_WIDTH = 68
-READING = """\
-adds       the share of the return's variance that the sensor predicts beside
-           the selected ones; an uninformative one is below 0 half of the time
-p          from a test of its own, which sees more than the share does
-status     confirmed: there is evidence; dispensable: there is none, and the
-           sensor adds less than {margin:.0%} (with 95 % confidence); undecided:
-           neither, and more episodes may settle it"""
 NEXT = """\
 your own robot next, from what it publishes already (docs/robot_file.md):
   ros2 bag record -a --include-hidden-topics -o my_bag
@@ -123,34 +107,6 @@ class Client(Node):
             rclpy.spin_until_future_complete(self, future, timeout_sec=0.5)
             self._processes.check()
         return future.result()
-
-
-def print_selection(selection: Selection, scenario: str) -> None:
-    """Print the ranking with its evidence, and what to think of it."""
-    print(f'\n{ranking_text(selection)}\n')
-    print(READING.format(margin=selection.margin))
-    relevant = RELEVANT[scenario]
-    found = [name for name in relevant if name in selection.names]
-    count = len(channel_names(scenario))
-    print(f'\n{headline(selection)}: {len(selection.names)} of {count} sensors')
-    print(
-        f'{len(found)} of the {len(relevant)} that matter in this world ({", ".join(relevant)}),\n'
-        f'{len(selection.names) - len(found)} of the {count - len(relevant)} that do not\n'
-    )
-    print('\n'.join(advice_lines(advice_of(selection))))
-
-
-def save_picture(selection: Selection, scenario: str, path: Path) -> None:
-    """Save the ranking as a picture, with what matters in this world in bold."""
-    figure = draw_ranking(selection)
-    (axes,) = figure.axes
-    for label in axes.get_yticklabels():
-        if label.get_text() in RELEVANT[scenario]:
-            label.set_fontweight('bold')
-    axes.set_ylabel('sensor (bold: matters in this world)')
-    figure.suptitle(f'{scenario}: {selection.episodes} episodes, {selection.seconds:.1f} s')
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=150)
 
 
 def run(options: argparse.Namespace) -> None:
@@ -224,21 +180,9 @@ def _states(processes: Processes, count: int) -> list[str]:
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the demo; return the exit code."""
-    parser = argparse.ArgumentParser(prog='demo', description=__doc__.splitlines()[0])
-    parser.add_argument('--scenario', choices=SCENARIOS, default='without_gravel')
-    parser.add_argument('--episodes', type=int, default=100, help='episodes to collect')
-    parser.add_argument(
-        '--num-features', type=int, default=0, help='sensors to select (default: what is confirmed)'
-    )
+    parser = demo_parser('demo', __doc__.splitlines()[0])
     parser.add_argument('--rate', type=float, default=400.0, help='steps per second')
-    parser.add_argument('--seed', type=int, default=0, help='seed of the simulator')
-    parser.add_argument(
-        '--out', type=file_to_write, help='file of the picture (default demo_SCENARIO.png)'
-    )
-    options = parser.parse_args(arguments)
-    if options.episodes < 2:
-        parser.error(f'--episodes is {options.episodes}; expected at least 2')
-    options.out = options.out or Path(f'demo_{options.scenario}.png')
+    options = parsed(parser, arguments)
 
     stay_apart()
     try:

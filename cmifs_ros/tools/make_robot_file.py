@@ -1,9 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""Write a first robot file, from the running robot or a bag.
-
-`ros2 run cmifs_ros make_robot_file --out my_robot.yaml`
-"""
+"""Write a first robot file, from the running robot or a bag."""
 
 from __future__ import annotations
 
@@ -19,9 +16,9 @@ from .arguments import file_to_write, home_path, number_from
 from .program import CommandError, exit_code
 
 
-def main(arguments: list[str] | None = None) -> int:
+def main(arguments: list[str] | None = None, program: str = 'make_robot_file') -> int:
     """Run the command; return its exit code."""
-    parser = argparse.ArgumentParser('make_robot_file', description=__doc__)
+    parser = argparse.ArgumentParser(program, description=__doc__)
     parser.add_argument(
         '--bag',
         type=home_path,
@@ -36,7 +33,7 @@ def main(arguments: list[str] | None = None) -> int:
         '--out', type=file_to_write, metavar='FILE', help='a new file (default: print it)'
     )
     options = parser.parse_args(arguments)
-    return exit_code('make_robot_file', lambda: _run(options), 'nothing is written')
+    return exit_code(program, lambda: _run(options), 'nothing is written')
 
 
 def _run(options: argparse.Namespace) -> None:
@@ -55,7 +52,9 @@ def _run(options: argparse.Namespace) -> None:
     has_ros2 = shutil.which('ros2')  # The nodes run without it too.
     run = 'ros2 run cmifs_ros ' if has_ros2 else 'install/cmifs_ros/lib/cmifs_ros/'
     if options.bag:
-        then = f'{run}select_from_bag {options.bag} --robot {options.out}'
+        # Where pip installed the package, it has no other command.
+        select = 'cmifs select' if shutil.which('cmifs') else f'{run}select_from_bag'
+        then = f'{select} {options.bag} --robot {options.out}'
     elif has_ros2:
         then = f'ros2 launch cmifs_ros robot.launch.xml robot_file:={options.out}'
     else:

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import argparse
 import importlib
 import os
 import signal
@@ -16,10 +17,10 @@ class CommandError(RuntimeError):
     """The command cannot go on; the message says why."""
 
 
-def start(module: str) -> int:
+def start(module: str, *arguments) -> int:
     """Run `main` of a module; return the exit code."""
     end_at_signals()
-    return importlib.import_module(module).main()
+    return importlib.import_module(module).main(*arguments)
 
 
 def end_at_signals() -> None:
@@ -31,7 +32,7 @@ def end_at_signals() -> None:
 
 
 def demo() -> int:
-    """Run the demo."""
+    """Run the demo of the nodes."""
     return start('cmifs_ros.tools.demo')
 
 
@@ -40,22 +41,64 @@ def downstream() -> int:
     return start('cmifs_ros.tools.downstream')
 
 
-def make_robot_file() -> int:
-    """Write a first robot file."""
-    return start('cmifs_ros.tools.make_robot_file')
+def make_robot_file(*arguments) -> int:
+    """Write a first robot file, from a bag or the running robot."""
+    return start('cmifs_ros.tools.make_robot_file', *arguments)
 
 
-def select_from_bag() -> int:
-    """Select from recorded bags."""
-    # Its products of matrices are small: on busy cores, threads would only wait for each other.
+def select_from_bag(*arguments) -> int:
+    """Select from recordings: bags, tables, HDF5, data sets of robot learning."""
+    _limit_threads()
+    return start('cmifs_ros.tools.select_from_bag', *arguments)
+
+
+def library_demo(*arguments) -> int:
+    """See a selection on a simulated robot, without ROS."""
+    _limit_threads()
+    return start('cmifs_ros.tools.library_demo', *arguments)
+
+
+def watch(*arguments) -> int:
+    """Watch a selector at work, where ROS 2 is."""
+    return start('cmifs_ros.tools.watch', *arguments)
+
+
+def _limit_threads() -> None:
+    """Have BLAS use one: matrices are small, and on busy cores threads wait for each other."""
     for library in ('OPENBLAS', 'MKL', 'OMP', 'BLIS'):
         os.environ.setdefault(f'{library}_NUM_THREADS', '1')
-    return start('cmifs_ros.tools.select_from_bag')
 
 
-def watch() -> int:
-    """Run the live view."""
-    return start('cmifs_ros.tools.watch')
+#: What follows `cmifs` on the command line.
+COMMANDS: dict[str, Callable[..., int]] = {
+    'select': select_from_bag,
+    'robot-file': make_robot_file,
+    'watch': watch,
+    'demo': library_demo,
+}
+
+
+def cmifs() -> int:
+    """Run one of `COMMANDS`; return the exit code."""
+    commands = '\n'.join(f'  {name:12}{run.__doc__}' for name, run in COMMANDS.items())
+    parser = argparse.ArgumentParser(
+        'cmifs', usage='cmifs COMMAND ...', formatter_class=argparse.RawDescriptionHelpFormatter,
+        description='Which sensors does a robot need, and what would each cost?\n\n'
+        f'commands:\n{commands}\n\n`cmifs COMMAND --help` tells the options of a command.',
+    )  # fmt: skip
+    parser.add_argument('command', choices=COMMANDS, help=argparse.SUPPRESS)
+    parser.add_argument('arguments', nargs=argparse.REMAINDER, help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    program = f'cmifs {options.command}'
+    try:
+        return COMMANDS[options.command](options.arguments, program)
+    except ModuleNotFoundError as error:
+        if error.name != 'rclpy':
+            raise
+        print(
+            f'{program}: this needs ROS 2, of which rclpy is not found: source it', file=sys.stderr
+        )
+        return 1
 
 
 def exit_code(program: str, run: Callable[[], None], what_then: str = 'nothing is kept') -> int:

@@ -1,9 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""Select from recordings: bags, tables (Parquet, CSV), HDF5, and data sets of robot learning.
-
-`ros2 run cmifs_ros select_from_bag RECORDING... --robot FILE`
-"""
+"""Select from recordings: bags, tables (Parquet, CSV), HDF5, and data sets of robot learning."""
 
 from __future__ import annotations
 
@@ -38,9 +35,9 @@ from .arguments import between, file_to_write, folder_to_write, home_path, numbe
 from .program import CommandError, exit_code
 
 
-def main(arguments: list[str] | None = None) -> int:
+def main(arguments: list[str] | None = None, program: str = 'select_from_bag') -> int:
     """Run the command; return its exit code."""
-    parser = argparse.ArgumentParser('select_from_bag', description=__doc__)
+    parser = argparse.ArgumentParser(program, description=__doc__)
     parser.add_argument(
         'recordings', nargs='+', type=home_path, metavar='RECORDING',
         help='files, or folders of them; they are pooled',
@@ -118,7 +115,7 @@ def main(arguments: list[str] | None = None) -> int:
         help='select from N random halves of the episodes too, and say how often each sensor is',
     )  # fmt: skip
     options = parser.parse_args(arguments)
-    return exit_code('select_from_bag', lambda: _run(options), 'nothing is written')
+    return exit_code(program, lambda: _run(options), 'nothing is written')
 
 
 def _run(options: argparse.Namespace) -> None:

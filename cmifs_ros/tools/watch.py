@@ -127,10 +127,10 @@ def run(node: Node, console: Console) -> int:
     return 0
 
 
-def main(arguments: list[str] | None = None) -> int:
+def main(arguments: list[str] | None = None, program: str = 'watch') -> int:
     """Watch; return the exit code."""
     parser = argparse.ArgumentParser(
-        prog='watch',
+        program,
         description=f'{__doc__} Ctrl-C ends it. Where the output is no terminal it is shown once.',
         allow_abbrev=False,
     )
@@ -147,7 +147,7 @@ def main(arguments: list[str] | None = None) -> int:
         return code
     except InvalidNamespaceException:
         print(
-            f'watch: --namespace is {options.namespace!r}; expected a name as in /robot1',
+            f'{program}: --namespace is {options.namespace!r}; expected a name as in /robot1',
             file=sys.stderr,
         )
         return 2

@@ -472,17 +472,21 @@ def test_a_robot_file_is_made_that_lacks_only_the_reward(tmp_path, capsys):
 
 
 @pytest.mark.parametrize(
-    ('ros2', 'then'),
-    [('ros2', 'ros2 run cmifs_ros select'), ('', 'install/cmifs_ros/lib/cmifs_ros/select')],
+    ('found', 'then'),
+    [
+        ('ros2', 'ros2 run cmifs_ros select_from_bag'),
+        ('cmifs', 'cmifs select'),
+        ('other', 'install/cmifs_ros/lib/cmifs_ros/select_from_bag'),
+    ],
 )
-def test_what_to_do_with_a_robot_file_is_told(tmp_path, monkeypatch, capsys, ros2, then):
+def test_what_to_do_with_a_robot_file_is_told(tmp_path, monkeypatch, capsys, found, then):
     write_bag(tmp_path / 'bag', 10)
     (tmp_path / 'bin').mkdir()
-    (tmp_path / 'bin' / (ros2 or 'other')).touch(0o755)
+    (tmp_path / 'bin' / found).touch(0o755)
     monkeypatch.setenv('PATH', str(tmp_path / 'bin'))
     out = tmp_path / 'new.yaml'
     assert make_robot_file(['--bag', str(tmp_path / 'bag'), '--out', str(out)]) == 0
-    assert f', then: {then}_from_bag {tmp_path / "bag"} --robot {out}\n' in capsys.readouterr().out
+    assert f', then: {then} {tmp_path / "bag"} --robot {out}\n' in capsys.readouterr().out
 
 
 def test_a_robot_file_is_not_written_over_another(tmp_path, robot, capsys):

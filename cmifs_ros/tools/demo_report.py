@@ -1,0 +1,81 @@
+# SPDX-License-Identifier: Apache-2.0
+
+"""What both demos share, that of the nodes and that of the library: options, and what they show."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from cmifs_ros.collect.advice import advice_lines, advice_of
+from cmifs_ros.collect.selection_report import headline
+from cmifs_ros.core.selection import Selection
+from cmifs_ros.sim import SCENARIOS, channel_names
+
+from .arguments import file_to_write
+from .ranking import draw_ranking, ranking_text
+
+#: What matters in each world, known because the world is ours; only used to comment the result.
+RELEVANT = {
+    'without_gravel': ('x', 'y'),
+    'with_gravel': ('x', 'y', 'battery', 'gravel'),
+}
+READING = """\
+adds       the share of the return's variance that the sensor predicts beside
+           the selected ones; an uninformative one is below 0 half of the time
+p          from a test of its own, which sees more than the share does
+status     confirmed: there is evidence; dispensable: there is none, and the
+           sensor adds less than {margin:.0%} (with 95 % confidence); undecided:
+           neither, and more episodes may settle it"""
+
+
+def demo_parser(program: str, description: str) -> argparse.ArgumentParser:
+    """Return a parser of the options of both demos."""
+    parser = argparse.ArgumentParser(program, description=description)
+    parser.add_argument('--scenario', choices=SCENARIOS, default='without_gravel')
+    parser.add_argument('--episodes', type=int, default=100, help='episodes to collect')
+    parser.add_argument(
+        '--num-features', type=int, default=0, help='sensors to select (default: what is confirmed)'
+    )
+    parser.add_argument('--seed', type=int, default=0, help='seed of the simulator')
+    parser.add_argument(
+        '--out', type=file_to_write, help='file of the picture (default demo_SCENARIO.png)'
+    )
+    return parser
+
+
+def parsed(parser: argparse.ArgumentParser, arguments: list[str] | None) -> argparse.Namespace:
+    """Return checked options."""
+    options = parser.parse_args(arguments)
+    if options.episodes < 2:
+        parser.error(f'--episodes is {options.episodes}; expected at least 2')
+    options.out = options.out or Path(f'demo_{options.scenario}.png')
+    return options
+
+
+def print_selection(selection: Selection, scenario: str) -> None:
+    """Print the ranking with its evidence, and what to think of it."""
+    print(f'\n{ranking_text(selection)}\n')
+    print(READING.format(margin=selection.margin))
+    relevant = RELEVANT[scenario]
+    found = [name for name in relevant if name in selection.names]
+    count = len(channel_names(scenario))
+    print(f'\n{headline(selection)}: {len(selection.names)} of {count} sensors')
+    print(
+        f'{len(found)} of the {len(relevant)} that matter in this world ({", ".join(relevant)}),\n'
+        f'{len(selection.names) - len(found)} of the {count - len(relevant)} that do not\n'
+    )
+    print('\n'.join(advice_lines(advice_of(selection))))
+
+
+def save_picture(selection: Selection, scenario: str, path: Path) -> None:
+    """Save the ranking as a picture, with what matters in this world in bold."""
+    figure = draw_ranking(selection)
+    (axes,) = figure.axes
+    for label in axes.get_yticklabels():
+        if label.get_text() in RELEVANT[scenario]:
+            label.set_fontweight('bold')
+    axes.set_ylabel('sensor (bold: matters in this world)')
+    figure.suptitle(f'{scenario}: {selection.episodes} episodes, {selection.seconds:.1f} s')
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path, dpi=150)

@@ -1,0 +1,44 @@
+# SPDX-License-Identifier: Apache-2.0
+
+"""The library at work on a simulated robot, without ROS: episodes, selection, ranking, picture."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+
+from cmifs_ros.core.selection import select
+from cmifs_ros.sim import channel_names, rollout
+
+from .demo_report import demo_parser, parsed, print_selection, save_picture
+from .program import exit_code
+
+NEXT = """\
+your own robot next, from a bag (docs/robot_file.md) or another recording
+(docs/recordings.md):
+  cmifs robot-file --bag my_bag --out my_robot.yaml
+  (say in my_robot.yaml what the reward is)
+  cmifs select my_bag --robot my_robot.yaml --report page"""
+
+
+def main(arguments: list[str] | None = None, program: str = 'demo') -> int:
+    """Run the demo; return the exit code."""
+    options = parsed(demo_parser(program, __doc__), arguments)
+    return exit_code(program, lambda: _run(options))
+
+
+def _run(options: argparse.Namespace) -> None:
+    names = channel_names(options.scenario)
+    print(f'a simulated robot with {len(names)} sensors ({options.scenario}): selecting among them')
+    print(f'from {options.episodes} episodes ...', flush=True)
+    episodes = rollout(options.scenario, options.episodes, options.seed)
+    settings = {'num_features': options.num_features or None, 'n_jobs': os.cpu_count()}
+    selection = select(episodes, names, 'conditional_mi', settings)
+    print_selection(selection, options.scenario)
+    save_picture(selection, options.scenario, options.out)
+    print(f'\npicture: {options.out.resolve()}\n\n{NEXT}')
+
+
+if __name__ == '__main__':
+    sys.exit(main())
