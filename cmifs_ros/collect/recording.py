@@ -80,7 +80,9 @@ def episodes_of_recording(
             return lerobot.steps_in('the data frame', arrow.table_of(source))
         return _sampled('the data frames', _tables_of(source), robot, watch)
     path = Path(source)
-    if _is_bag(path) or not path.exists():
+    if not path.exists():
+        raise RecordingError(f'{path} does not exist; {_EXPECTED}')
+    if _is_bag(path):
         return episodes_of_bag(path, robot, watch)
     if path.is_file() and path.suffix in hdf5.SUFFIXES:
         with hdf5.opened(path) as file:

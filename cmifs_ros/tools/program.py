@@ -86,18 +86,19 @@ def cmifs() -> int:
         description='Which sensors does a robot need, and what would each cost?\n\n'
         f'commands:\n{commands}\n\n`cmifs COMMAND --help` tells the options of a command.',
     )  # fmt: skip
-    parser.add_argument('command', choices=COMMANDS, help=argparse.SUPPRESS)
+    parser.add_argument('command', nargs='?', choices=COMMANDS, help=argparse.SUPPRESS)
     parser.add_argument('arguments', nargs=argparse.REMAINDER, help=argparse.SUPPRESS)
     options = parser.parse_args()
+    if options.command is None:
+        parser.print_help()
+        return 0
     program = f'cmifs {options.command}'
     try:
         return COMMANDS[options.command](options.arguments, program)
     except ModuleNotFoundError as error:
         if error.name != 'rclpy':
             raise
-        print(
-            f'{program}: this needs ROS 2, of which rclpy is not found: source it', file=sys.stderr
-        )
+        print(f'{program}: this needs ROS 2, but finds no rclpy: source ROS 2', file=sys.stderr)
         return 1
 
 
