@@ -46,7 +46,7 @@ def readings(boxes: int, seed: int) -> Iterator[tuple[int, str, object]]:
         yield time - 3, '/belt/speed', 0.5 + 0.01 * speed
         yield time - 2, '/motor/temperature', temperature
         yield time, '/camera/hue', kind + 0.2 * rng.normal()
-        yield time + _PIECE // 4, '/gripper/bin', int(chosen)
+        yield time + _PIECE // 4, '/gripper/command', int(chosen)
         yield time + _PIECE // 3, '/judge/fits', bool(kind == chosen)
         time += _PIECE
 
@@ -75,7 +75,7 @@ def write_bag(path: Path, boxes: int, seed: int) -> None:
     kinds = dict.fromkeys(
         ('/camera/hue', '/belt/weight', '/belt/speed', '/microphone/loudness'), number
     ) | {
-        '/gripper/bin': plain('std_msgs/msg/Int8'),
+        '/gripper/command': plain('std_msgs/msg/Int8'),
         '/judge/fits': plain('std_msgs/msg/Bool'),
         '/lidar/scan': ('sensor_msgs/msg/LaserScan', scan),
         '/motor/temperature': (

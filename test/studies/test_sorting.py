@@ -10,6 +10,7 @@ import pytest
 pytest.importorskip('rosbags', reason='rosbags is not here')
 pytest.importorskip('matplotlib')
 
+from cmifs_ros.collect.robot_file.template import robot_file_of_bag
 from studies.robot.sorting import main
 
 
@@ -35,6 +36,11 @@ def test_the_page_says_to_keep_the_hue_what_can_go_and_what_each_costs(tmp_path,
     }  # fmt: skip
     for line in shown.values():
         assert re.search(r'adds at most [01]\.\d%; (2|10) messages/s, [\d.]+ k?B/s', line)
+    # Who begins with make_robot_file finds the action proposed, and not among the channels.
+    text = robot_file_of_bag(tmp_path / 'bag')
+    channels, _, actions = text.partition('\n# actions:\n')
+    assert '/gripper/command' not in channels
+    assert actions.startswith('#   gripper_command: "/gripper/command.data"\n')
     printed = capsys.readouterr().out
     assert 'keep these:\n  /camera/hue: ' in printed
     assert main(['--out', str(tmp_path)]) == 1

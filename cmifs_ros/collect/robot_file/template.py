@@ -29,7 +29,10 @@ from .own_topics import own_topics
 #: bytes than this each that differs from the one before: a bumper is hit rarely.
 MAX_LOOKS, MAX_SHORT = 1000, 64
 #: Last parts of topics that say little without the one before.
-_GENERAL = ('data', 'data_raw', 'raw', 'state', 'status', 'value', 'filtered')
+_GENERAL = (
+    *('data', 'data_raw', 'raw', 'state', 'status', 'value', 'filtered'),
+    *('cmd', 'command', 'commands', 'setpoint'),
+)
 #: The last part of a topic that tells the robot what to do.
 _COMMAND = re.compile(r'(.*_)?(cmd|commands?|setpoints?)(_.*)?|goal(_pose)?')
 _OF_ROS = ('/rosout', '/parameter_events', '/clock')

@@ -134,13 +134,13 @@ def test_commands_are_proposed_as_actions_and_are_no_sensors():
     actions = actions.partition('\n\n')[0].splitlines()
     assert re.findall(r'"/([\w/]+)\.', channels) == ['goal_distance', 'vel', 'vel']
     assert actions == [
-        '#   commands_voltage: "/arm/commands.voltage"',
+        '#   arm_commands_voltage: "/arm/commands.voltage"',
         '#   cmd_vel_linear_x: "/base/cmd_vel.linear.x"',
         '#   # cmd_vel_angular_x: "/base/cmd_vel.angular.x"  # never changed: 0',
         '#   goal_voltage: "/goal.voltage"',
     ]
     robot = parse_robot_file(re.sub('(?m)^# (actions:$|  )', r'\1', text) + 'reward: "1"\n')
-    assert robot.action_names == ('commands_voltage', 'cmd_vel_linear_x', 'goal_voltage')
+    assert robot.action_names == ('arm_commands_voltage', 'cmd_vel_linear_x', 'goal_voltage')
     # Where no command was heard, there is an example.
     assert '# actions:\n#   drive: ' in text_of(KINDS, ('/w', 'Battery', Message(voltage=1)))
 
