@@ -129,8 +129,8 @@ class Sensors:
             position.x, position.y = map(float, self.drive.observation[:2])
             twist.x, twist.y = map(float, self.drive.velocity)
         if tick % 10 == 0:
-            found['/scan'] = _scan(header, self.drive.observation[2:])
-            found['/other/scan'] = _scan(header, self._other.observation[2:])
+            found['/scan'] = scan_of(header, self.drive.observation[2:])
+            found['/other/scan'] = scan_of(header, self._other.observation[2:])
         if tick % 100 == 0:
             self._battery = self._battery - 0.001 if self._battery > 0.1 else 1.0
             found['/battery_state'] = BatteryState(header=header, percentage=self._battery)
@@ -154,7 +154,7 @@ class Sensors:
         return array
 
 
-def _scan(header: Header, ranges: np.ndarray) -> LaserScan:
+def scan_of(header: Header, ranges: np.ndarray) -> LaserScan:
     """Return a scan; a ray that meets nothing is inf, as drivers say it."""
     seen = np.where(ranges < RANGE_MAX, ranges, np.inf)
     return LaserScan(header=header, angle_max=2 * np.pi, range_max=RANGE_MAX, ranges=seen.tolist())

@@ -12,17 +12,18 @@ from pathlib import Path
 from cmifs_ros.tools.processes import stay_apart
 from cmifs_ros.tools.program import exit_code
 
+from .control import Control
 from .faults import Faults
 from .loads import Loads
 
 
-class Soak(Loads, Faults):
-    """All that is done to a selector."""
+class Soak(Loads, Faults, Control):
+    """All that is done to a selector, and to a sampler beside it."""
 
 
 PARTS = tuple(
     name
-    for kind in (Loads, Faults)
+    for kind in (Loads, Faults, Control)
     for name, value in vars(kind).items()
     if callable(value) and name[0] != '_'
 )

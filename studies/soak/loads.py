@@ -4,9 +4,7 @@
 
 from __future__ import annotations
 
-import sys
 import time
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -15,24 +13,19 @@ from rcl_interfaces.srv import ListParameters
 from studies.nodes.process import Process
 
 from .messages import LENGTH
-from .part import Part
+from .part import Part, quantiles
 from .robot import Robot, robot_and
 
 
 class Loads(Part):
     """Executors, rates and a million transitions."""
 
-    def _bare(self, node: str, executor: str = 'chosen', **parameters) -> Process:
-        """Start one of `bare_nodes`."""
-        command = (sys.executable, '-m', 'studies.soak.bare_nodes', node, executor)
-        return Process(self.folder, *command, **parameters)
-
     def executors(self):
         """Compare the executors: the same nodes, the same messages, in turns."""
         for node in ('relay', 'selector'):
             found = {}
             for executor in ('single', 'chosen') * 2:
-                process = self._bare(node, executor, selection_period=0.0)
+                process = self.bare(node, executor, selection_period=0.0)
                 with robot_and(process) as robot:
                     robot.wait_for('selected_state')
                     used, begin = process.cpu_seconds(), time.monotonic()
@@ -56,7 +49,7 @@ class Loads(Part):
         selector = Process.selector(
             self.folder, selection_period=0.0, episodes_path=str(path), forget_outdated=False
         )
-        relay = self._bare('relay', namespace='/relay')
+        relay = self.bare('relay', namespace='/relay')
         with robot_and(selector, relay) as robot:
             robot.wait_for('selected_state')
             robot.wait_for('/relay/selected_state')
@@ -110,8 +103,10 @@ class Loads(Part):
         """Find the highest rate without loss, of the selector and of a bare subscriber."""
         best = {}
         for node, output in (('counter', 'counts'), ('selector', 'selected_state')):
-            start = Process.selector if node == 'selector' else partial(Process.bare, node=node)
-            process = start(self.folder, selection_period=0.0)
+            if node == 'selector':
+                process = Process.selector(self.folder, selection_period=0.0)
+            else:
+                process = self.bare(node)
             # The sender has enough to do: nobody listens to the selected states.
             with robot_and(process, listens=False) as robot:
                 robot.wait_for(output)
@@ -168,14 +163,6 @@ class Loads(Part):
                 f'{sizes[-1] / 1e6:.1f} MB at the end ({sizes[-1] / full - 1:+.1%}), at most '
                 f'{max(sizes) / 1e6:.1f} MB; a service answered within {slowest:.2f} s',
             )
-
-
-def quantiles(latencies: np.ndarray) -> str:
-    """Return p50 and p99 as text."""
-    if not len(latencies):
-        return 'nothing came in time'
-    p50, p99 = np.percentile(latencies, (50, 99))
-    return f'p50 {p50:.2f} ms, p99 {p99:.2f} ms'
 
 
 def ratios(ours: np.ndarray, theirs: np.ndarray) -> str:

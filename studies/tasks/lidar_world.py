@@ -46,7 +46,7 @@ _OBSTACLES = '\n'.join(
 #: In ir-sim's format. Whatever stands somewhere is put elsewhere before each episode.
 WORLD = f"""
 world:
-  {{height: 30, width: 30, offset: [-10, -10], step_time: %s, collision_mode: stop}}
+  {{height: 30, width: 30, offset: [-10, -10], step_time: %(step_seconds)s, collision_mode: stop}}
 robot:
   - kinematics: {{name: omni}}
     shape: {{name: circle, radius: 0.2}}
@@ -55,7 +55,7 @@ robot:
     vel_max: [3, 3]
     sensors:
       - {{name: lidar2d, range_min: 0, range_max: {RANGE_MAX}, angle_range: 6.2831853,
-         number: {NUM_RAYS}, noise: False}}
+         number: %(num_rays)s, noise: False}}
 obstacle:
 {_OBSTACLES}
 """
@@ -69,16 +69,22 @@ class LidarWorld:
     rng : numpy.random.Generator
         Draws start, obstacles and how the robot drives.
     step_seconds : float, optional
+    num_rays : int, optional
 
     """
 
-    def __init__(self, rng: np.random.Generator, step_seconds: float = STEP_SECONDS):
+    def __init__(
+        self,
+        rng: np.random.Generator,
+        step_seconds: float = STEP_SECONDS,
+        num_rays: int = NUM_RAYS,
+    ):
         import irsim
 
         self._rng = rng
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / 'world.yaml'
-            path.write_text(WORLD % step_seconds)
+            path.write_text(WORLD % {'step_seconds': step_seconds, 'num_rays': num_rays})
             self._env = irsim.make(str(path), headless=True, log_level='ERROR')
         self._robot = self._env.robot
 
