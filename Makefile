@@ -21,6 +21,7 @@ SOAK ?=
 ROBOT ?=
 SORTING ?=
 LOAD ?=
+SAVING ?=
 unexport PYTHONDONTWRITEBYTECODE
 # The matrices are small: several BLAS threads would only slow each other down.
 export OPENBLAS_NUM_THREADS ?= 1
@@ -46,7 +47,7 @@ ENTER := . $(VENV)/bin/activate && { [ ! -f install/setup.bash ] || . install/se
 # Run colcon with the environment's own Python: another colcon would build for another Python.
 COLCON := python -c 'import sys; from colcon_core.command import main; sys.exit(main())'
 
-.PHONY: help demo test test-installed test-oldest soak robot sorting load paper benchmark growth accuracy evidence level targets looks constants change oracle learning ablation loop lint \
+.PHONY: help demo test test-installed test-oldest soak robot sorting load saving paper benchmark growth accuracy evidence level targets looks constants change oracle learning ablation loop lint \
 	build clean
 
 help:
@@ -57,6 +58,7 @@ help:
 	@echo "make robot [ROBOT='--goals 20']    a complete robot: select live, and from its bag"
 	@echo "make sorting [SORTING='--boxes 50']  which topics of a sorting robot can go: sorting/page"
 	@echo "make load [LOAD='--seconds 10']    cost of the sampler relative to bare subscriptions"
+	@echo "make saving [SAVING='--every 50']  what a robot saves that switches topics off"
 	@echo "make paper [PAPER='--trials 6']    reproduce the figures of the paper: reproduction/"
 	@echo "make benchmark [BENCHMARK='--trials 3']  time and rank sum beside the baselines"
 	@echo "make growth [GROWTH='steps']       time and memory by episodes, steps, channels: growth/"
@@ -99,6 +101,9 @@ sorting: build
 
 load: build
 	@$(ENTER) && exec python -m studies.robot.load $(LOAD)
+
+saving: build
+	@$(ENTER) && exec python -m studies.robot.saving $(SAVING)
 
 paper: build
 	@$(ENTER) && exec python -m studies.paper.reproduce $(PAPER)

@@ -84,7 +84,7 @@ class SamplerNode(Node):
         name = self.get_fully_qualified_name().lstrip('/')
         self._status = SamplerStatus(name, self._sampler, max_ages)
         self._subscriptions_by_topic: dict[str, FollowingSubscription] = {}
-        self._problems = dict.fromkeys(self._robot.topics, 'nobody publishes it')
+        self._problems: dict[str, str] = {}
         self._refused: set[str] = set()
         self._simulated: int | None = None
         if is_simulated:
@@ -122,13 +122,13 @@ class SamplerNode(Node):
                 # The next look subscribes anew: until then the old type is not given up.
                 subscription.destroy()
                 del self._subscriptions_by_topic[topic]
-                self._problems[topic] = 'nobody publishes it'
 
     def _subscribe(self, topic: str, name: str | None) -> None:
         """Subscribe to a topic of this type, or of the one by which it is published."""
         publishers = self.get_publishers_info_by_topic(self.resolve_topic_name(topic))
         name = name or next((p.topic_type for p in publishers if p.topic_type), None)
         if name is None:
+            self._problems[topic] = 'nobody publishes it'
             return
         try:
             message_type = conversions.message_type(name)

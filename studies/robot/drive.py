@@ -148,7 +148,7 @@ class Sensors:
         array = GoalStatusArray()
         for number in range(max(0, len(self.drive.goals) - 3), len(self.drive.goals)):
             entry = GoalStatus(status=self.drive.goals[number])
-            entry.goal_info.goal_id.uuid[:4] = np.array(list(number.to_bytes(4)), np.uint8)
+            entry.goal_info.goal_id.uuid[:4] = np.array(list(number.to_bytes(4, 'big')), np.uint8)
             entry.goal_info.stamp = header.stamp
             array.status_list.append(entry)
         return array

@@ -121,7 +121,9 @@ class Robot:
     def _tell(self, status: int) -> None:
         self._since = 0
         self._status = GoalStatus(status=status)
-        self._status.goal_info.goal_id.uuid[:4] = np.array(list(self._goal.to_bytes(4)), np.uint8)
+        self._status.goal_info.goal_id.uuid[:4] = np.array(
+            list(self._goal.to_bytes(4, 'big')), np.uint8
+        )
         self._publishers[GoalStatusArray].publish(GoalStatusArray(status_list=[self._status]))
 
     def _publish(self) -> None:
