@@ -27,18 +27,19 @@ from .part import Part, quantiles
 
 #: Two sensors, either of which pays at a time, and two that never do.
 TOPICS = ('a', 'b', 'c', 'd')
-ROBOT_FILE = """
-step: {topic: /step}
-channels:
-%s
-values: {paid: /step.point.x}
+ROBOT_FILE = f"""
+step: {{topic: /step}}
+channels: {{{', '.join(f'{t}: {{path: /{t}.point.x, max_age: 0.5}}' for t in TOPICS)}}}
+values: {{paid: /step.point.x}}
 reward: paid
-episode: {steps: 100}
-saving: {after: 2, explore_every: 40, explore_episodes: 20}
-""" % '\n'.join(f'  {t}: {{path: /{t}.point.x, max_age: 0.5}}' for t in TOPICS)  # noqa: UP031
+episode: {{steps: 100}}
+saving: {{after: 2, explore_every: 40, explore_episodes: 20}}
+"""
 RATE = 100
 #: Seconds between changes of the task, silences and resets, and that a silence lasts.
 _TASK, _SILENCES, _RESETS, _SILENCE = 240.0, 20.0, 70.0, 2.0
+#: Milliseconds after which a message is of no use to control.
+_OLD = 50
 #: Seconds after a silence in which a channel may still be missing.
 _BACK = 0.5
 
@@ -48,8 +49,8 @@ class Robot:
 
     Attributes
     ----------
-    ages : dict of str to list of float
-        By topic, how old each message was as it came, in ms since its step was published.
+    ages : dict of str to dict of int to float
+        By topic and stamp, how old each message was as it came, in ms since its step was published.
     counts : collections.Counter
         Of what has happened.
 
@@ -72,10 +73,10 @@ class Robot:
         self._silent_until = dict.fromkeys(TOPICS, -math.inf)
         self._paying, self._time = TOPICS[0], 0
         self._sent_at: dict[str, dict[int, float]] = {}
-        self.ages: dict[str, list[float]] = {}
+        self.ages: dict[str, dict[int, float]] = {}
         self.counts: Counter[str] = Counter()
         for topic in ('selected_state', '/relay/selected_state'):
-            self._sent_at[topic], self.ages[topic] = {}, []
+            self._sent_at[topic], self.ages[topic] = {}, {}
             node.create_subscription(
                 JointState, topic, lambda m, topic=topic: self._receive(topic, m), STREAM_QOS
             )
@@ -167,12 +168,10 @@ class Robot:
         self.counts['steps'] += 1
 
     def _receive(self, topic: str, message: JointState) -> None:
-        sent_at = self._sent_at[topic].pop(
-            conversions.stamp_to_nanoseconds(message.header.stamp), None
-        )
-        now = time.monotonic()
+        now, stamp = time.monotonic(), conversions.stamp_to_nanoseconds(message.header.stamp)
+        sent_at = self._sent_at[topic].pop(stamp, None)
         if sent_at is not None:
-            self.ages[topic].append((now - sent_at) * 1000)
+            self.ages[topic][stamp] = (now - sent_at) * 1000
         if topic == 'selected_state':
             for name, value in zip(message.name, message.position, strict=True):
                 if math.isnan(value):
@@ -231,13 +230,15 @@ def _rows(robot: Robot, sizes: list[tuple[int, int]], minutes: float):
         f'{counts["nan, silent"]} times while the selected topic was silent, '
         f'{counts["nan, not silent"]} times while it was not',
     )
-    ours, theirs = (np.array(robot.ages[t]) for t in ('selected_state', '/relay/selected_state'))
+    of_sampler, of_relay = robot.ages['selected_state'], robot.ages['/relay/selected_state']
+    both = sorted(of_sampler.keys() & of_relay.keys())
+    ours, theirs = (np.array([of[stamp] for stamp in both]) for of in (of_sampler, of_relay))
     yield (
         'age of `selected_state` as it is received',
-        f'{len(ours)} messages',
-        f'{quantiles(ours)}, at most {ours.max():.1f} ms, {np.mean(ours > 50):.3%} above 50 ms; '
-        f'bare relay {quantiles(theirs)}, at most {theirs.max():.1f} ms, '
-        f'{np.mean(theirs > 50):.3%} above 50 ms',
+        f'{len(both)} messages',
+        f'{quantiles(ours)}, at most {ours.max():.1f} ms; bare relay {quantiles(theirs)}, at most '
+        f'{theirs.max():.1f} ms; {np.sum(ours > _OLD)} older than {_OLD} ms, of which '
+        f"{np.sum((ours > _OLD) & (theirs <= _OLD))} where the bare relay's was not",
     )
     tenth = sizes[len(sizes) // 10]
     told = [
