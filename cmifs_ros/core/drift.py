@@ -18,10 +18,14 @@ _NUM_COSINES = (0, 1, 2, 4, 8)
 _PRICE = 3.0
 
 
-def cosines(num_episodes: int, count: int) -> np.ndarray:
+def cosines(place: np.ndarray, count: int) -> np.ndarray:
+    """Return the slowest cosines of places (N,) between 0 and 1, shape (N, count)."""
+    return np.cos(np.pi * np.outer(place, np.arange(1, count + 1)))
+
+
+def episode_cosines(num_episodes: int, count: int) -> np.ndarray:
     """Return the slowest cosines of the episode's number, shape (num_episodes, count)."""
-    phase = np.pi * (np.arange(num_episodes) + 0.5) / num_episodes
-    return np.cos(np.outer(phase, np.arange(1, count + 1)))
+    return cosines((np.arange(num_episodes) + 0.5) / num_episodes, count)
 
 
 def num_cosines(means: np.ndarray, weights: np.ndarray) -> int:
@@ -48,6 +52,6 @@ def share_of_drift(means: np.ndarray, weights: np.ndarray) -> float:
 
 
 def _detrended(means, root, count):
-    columns = np.column_stack([np.ones(len(means)), cosines(len(means), count)]) * root
+    columns = np.column_stack([np.ones(len(means)), episode_cosines(len(means), count)]) * root
     basis = np.linalg.qr(columns)[0]
     return root * means - basis @ (basis.T @ (root * means))

@@ -6,12 +6,17 @@ from __future__ import annotations
 
 import numpy as np
 
+from .drift import cosines
+from .kernel_regression import extended
 from .samples import Samples, standardized
 
 #: More rows are thinned evenly: neighbouring steps of an episode are nearly the same.
 _MAX_ROWS = 32_000
 _NUM_FOLDS = 5
 _MAX_SHIFTS = 300
+#: Cosines of the step in every regression. The step is all that an irrelevant sensor and the return
+#: have in common, so its effect on either may have any smooth shape.
+_NUM_STEP_COSINES = 6
 
 
 class EpisodeRows:
@@ -41,8 +46,8 @@ class EpisodeRows:
         Cross-validation folds of whole episodes.
     shuffled : numpy.ndarray of int, shape (N,)
         All rows in random order, to draw centres from.
-    source_means : numpy.ndarray, shape (N, sources)
-        Orthonormal columns that give each source its own mean (fixed effects).
+    fixed : numpy.ndarray, shape (N, p)
+        Orthonormal columns of fixed effects: a mean for each source, and slow cosines of the step.
     shifts : numpy.ndarray of int, shape (S, N)
         The row that takes the place of each in each cyclic shift of the episodes.
 
@@ -64,7 +69,8 @@ class EpisodeRows:
         self.shuffled = rng.permutation(len(self.owner))
         sources = _pooled(samples.sources[present])[self.owner]
         columns = (sources[:, None] == np.unique(sources)).astype(float)
-        self.source_means = columns / np.sqrt(columns.sum(axis=0))
+        means = columns / np.sqrt(columns.sum(axis=0))
+        self.fixed = extended(means, _step_cosines(samples.step[self.index]))
         self.is_ordered = ordered
         order = np.arange(num_episodes) if ordered else rng.permutation(num_episodes)
         self.shifts = self._cyclic_shifts(sources, order, rng)
@@ -100,6 +106,13 @@ class EpisodeRows:
         by = np.column_stack([by, *(rng.permutation(by) for _ in range(source.max()))])
         steps = 1 + (by - 1)[:, source] * (count - 1) // longest
         return rows[first + (rank + steps) % count]
+
+
+def _step_cosines(step: np.ndarray) -> np.ndarray:
+    """Return slow cosines of the steps' ranks: late steps, which few episodes reach, share one."""
+    steps, which, counts = np.unique(step, return_inverse=True, return_counts=True)
+    place = (np.cumsum(counts) - counts / 2) / len(step)
+    return cosines(place, min(_NUM_STEP_COSINES, len(steps) - 1))[which]
 
 
 def _pooled(sources: np.ndarray) -> np.ndarray:

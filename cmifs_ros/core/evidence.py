@@ -10,10 +10,11 @@ the return, z what is given (the sensors selected, the action and the step) and 
 2. :math:`\delta_t = \varepsilon_t - \gamma \varepsilon_{t+1}`, the TD residual of Sutton (Learning
    to predict by the methods of temporal differences, 1988). It has less noise than
    :math:`\varepsilon_t`, but shows nothing of a sensor that is read early and matters late, so both
-   are used. The mean of :math:`\delta_t` given z need not be 0: it is regressed on z again.
-3. Functions f of x and z, Gaussians and products, lose their projection on that same space, as do
-   the residuals: what is left of the two is orthogonal to all that z explains of either
-   (Frisch-Waugh-Lovell).
+   are used. The mean of :math:`\delta_t` given z need not be 0: they are regressed on z again.
+3. Functions f of x and z, Gaussians and products, lose their projection on the same space as
+   these: what is left of the two is orthogonal to all that z explains of either
+   (Frisch-Waugh-Lovell). The step is all that an irrelevant sensor and the return have in common,
+   so slow cosines of it are in every regression.
 4. The products :math:`s_i = \sum_t f_{it} \delta_{it} / \sqrt{T_i}` of each episode i are added up.
    If y does not depend on x given z, each :math:`s_i` may as well have the opposite sign, whatever
    the steps of an episode have to do with each other (the wild cluster bootstrap). This counts on
@@ -32,15 +33,18 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
-from .drift import cosines, num_cosines
+from .drift import episode_cosines, num_cosines
 from .effect import Effect, EffectEstimator
 from .episode_rows import EpisodeRows
-from .kernel_regression import KernelRegression, residual, squared_distances
+from .kernel_regression import KernelRegression, extended, residual, squared_distances
 from .products import PARTS, Products
 from .samples import Samples, normal_scores, standardized
 
-#: Gaussians that explain the target by what is given, and those that are functions of the sensor.
-_NUM_CENTERS, _NUM_FUNCTIONS = 50, 60
+#: Gaussians that explain the target by what is given: one for two episodes, within limits. With
+#: more episodes smaller errors of a stiff regression look like dependence.
+_NUM_CENTERS = 50, 200
+#: Gaussians that are functions of the sensor.
+_NUM_FUNCTIONS = 60
 #: Regressors are kept for a second question as long as they have no more rows in all.
 _KEPT_ROWS = 20_000
 #: A candidate of more channels is reduced to as many principal components.
@@ -159,12 +163,8 @@ class ConditionalTest:
         if not columns:
             return [{}] * len(candidates)
         context = self._given(given)
-        targets = self._targets[:, columns]
-        both = standardized(np.hstack([targets, normal_scores(targets)]))
-        basis = context.regression.basis(context.regression.jointly_tuned(both))
-        left = residual(both, basis)
-        if self._discount:
-            left = np.hstack([left, left - self._discount * self._rows.following(left)])
+        left = self._residuals(context.regression, self._targets[:, columns])
+        basis = context.regression.basis(context.regression.jointly_tuned(left))
         basis = self._with_drift(basis, left)
         products = Products(
             residual(left, basis),
@@ -204,32 +204,38 @@ class ConditionalTest:
         columns = sorted(given) if self._of_given else range(len(self._names))
         return [c for c in columns if np.ptp(self._targets[:, c]) > 0]
 
+    def _residuals(self, regression: KernelRegression, targets: np.ndarray) -> np.ndarray:
+        """Return what is left of targets (N, q), variant after variant, q columns each."""
+        both = standardized(np.hstack([targets, normal_scores(targets)]))
+        bases = [regression.basis(space) for space in regression.tuned(both)]
+        left = [residual(both[:, [k]], basis) for k, basis in enumerate(bases)]
+        if self._discount:
+            left += [one - self._discount * self._rows.following(one) for one in left]
+        return np.hstack(left)
+
     def _with_drift(self, basis: np.ndarray, left: np.ndarray) -> np.ndarray:
         """Return the basis with slow cosines of level and slope, where the residuals drift."""
         rows = self._rows
         means = rows.means(residual(left, basis))
         count = num_cosines(means, rows.lengths / rows.lengths.mean()) if rows.is_ordered else 0
-        if not count:
-            return basis
-        slow = cosines(len(means), count)[rows.owner]
-        drift = residual(np.hstack([slow, slow * rows.step[:, None]]), basis)
-        columns, sizes, _ = np.linalg.svd(drift, full_matrices=False)
-        return np.hstack([basis, columns[:, sizes > 1e-6 * sizes[0]]])
+        slow = episode_cosines(len(means), count)[rows.owner]
+        return extended(basis, np.hstack([slow, slow * rows.step[:, None]]))
 
 
 class _Given:
     """Given channels with the action and the step: what they explain, and functions beside them."""
 
     def __init__(self, rows: EpisodeRows, channels: Sequence[int]):
+        num_episodes = len(rows.lengths)
         self._states = rows.states
         self._functions = rows.shuffled[:_NUM_FUNCTIONS]
         self._points = np.column_stack([rows.states[:, sorted(channels)], rows.actions, rows.step])
         self.regression = KernelRegression(
             self._points,
-            rows.shuffled[:_NUM_CENTERS],
+            rows.shuffled[: int(np.clip(num_episodes // 2, *_NUM_CENTERS))],
             rows.folds,
-            rows.source_means,
-            max_rank=len(rows.lengths) // 2,
+            rows.fixed,
+            max_rank=num_episodes,
         )
         self._bumps = self._gaussians(self._points)
 

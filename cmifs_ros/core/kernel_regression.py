@@ -17,11 +17,15 @@ import numpy as np
 
 #: Kernel widths, in standard deviations of a channel times the root of their number.
 _WIDTHS = (0.3, 0.6, 1.2, 2.4, 5.0)
-_RANKS = np.array([0, 1, 2, 3, 4, 6, 8, 11, 16, 23, 32, 45, 64, 90])
+_RANKS = np.array([0, 1, 2, 3, 4, 6, 8, 11, 16, 23, 32, 45, 64, 90, 128, 181])
 #: Directions of less variance, as a share of the greatest, are rounding errors.
 _LEAST_VARIANCE = 1e-10
 #: What a single episode decides has no fit to the others; this keeps their equations solvable.
 _LEAST_LEFT = 1e-6
+
+
+#: Share of a column's length below which what another basis leaves of it is a rounding error.
+_LEAST_NEW = 1e-6
 
 
 class Space(NamedTuple):
@@ -54,7 +58,7 @@ class KernelRegression:
     folds : numpy.ndarray of int, shape (N,)
         Cross-validation fold of each point; those of one episode share it.
     fixed : numpy.ndarray, shape (N, p)
-        Orthonormal columns that every space contains, among them the constant.
+        Orthonormal columns that every space contains; they span the constant.
     max_rank : int
         Greatest number of further columns.
 
@@ -153,6 +157,18 @@ class KernelRegression:
 def residual(targets: np.ndarray, basis: np.ndarray) -> np.ndarray:
     """Return targets (N, k) less their projection on orthonormal columns (N, r)."""
     return targets - basis @ (basis.T @ targets)
+
+
+def extended(basis: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """Return orthonormal columns (N, r) and further ones that span what is new in columns (N, k).
+
+    A direction of which less than a millionth is new is left out: it is a rounding error.
+    """
+    if not columns.size:
+        return basis
+    columns = columns / np.sqrt((columns**2).sum(axis=0))
+    directions, sizes, _ = np.linalg.svd(residual(columns, basis), full_matrices=False)
+    return np.hstack([basis, directions[:, sizes > _LEAST_NEW]])
 
 
 def corrected_residual(left: np.ndarray, basis: np.ndarray, starts: np.ndarray) -> np.ndarray:
