@@ -191,47 +191,48 @@ def said_by(process: Process) -> list[dict[str, float]]:
     return [json.loads(line) for line in lines if line.startswith('{')]
 
 
-def row(what: str, run: Run, first: int, last: int) -> tuple[str, ...]:
-    """Return what a run says of the goals from one to another, as a row of the table."""
+def measured(run: Run, first: int, last: int) -> dict[str, str]:
+    """Return what a run says of the goals from one to another, and of the change after them."""
     begin, end = (run.at[min(n for n in run.at if n >= number)] for number in (first, last))
     rates = {key: (end[key] - begin[key]) / (end['seconds'] - begin['seconds']) for key in end}
-    rewards = run.rewards[first:last]
-    return (
-        what,
-        f'{run.share_off("/other/scan", first, last):.0%}',
-        f'{rates["messages"]:.1f} messages/s, {rates["bytes"] / 1000:.1f} kB/s',
-        f'{rates["lidar"]:.0%}',
-        f'{rates["sampler"]:.0%}',
-        f'{np.mean(rewards):.2f} +- {np.std(rewards) / np.sqrt(len(rewards)):.2f}',
-        _goals(run.doubted_after(last)),
-        _goals(run.found_after(last)),
-    )
+    rewards, off = run.rewards[first:last], run.share_off('/other/scan', first, last)
+    return {
+        'goals during which `/other/scan` is off': f'{off:.0%}',
+        'published by its driver': (
+            f'{rates["messages"]:.1f} messages/s, {rates["bytes"] / 1000:.1f} kB/s'
+        ),
+        'CPU time of its driver': f'{rates["lidar"]:.0%} of a core',
+        'CPU time of the sampler': f'{rates["sampler"]:.0%} of a core',
+        'return of the controller, with its standard error': (
+            f'{np.mean(rewards):.2f} +- {np.std(rewards) / np.sqrt(len(rewards)):.2f}'
+        ),
+        'the change of the task is noticed': _goals(run.doubted_after(last)),
+        "the motor's temperature is selected": _goals(run.found_after(last)),
+    }
 
 
 def _goals(number: int | None) -> str:
-    return 'not' if number is None else f'after {number}'
+    return 'not' if number is None else f'after {number} goals'
 
 
 def run(options: argparse.Namespace) -> None:
     """Drive twice and print the table."""
-    print(
-        '| | goals with /other/scan off | its driver publishes | driver, of a core | sampler, of a '
-        'core | return | change noticed | new sensor selected |\n' + '|---' * 8 + '|',
-        flush=True,
-    )
-    first = _FIRST + options.settle
-    for what, saving in (('without saving', ''), ('saving', SAVING % options.every)):
-        found = drive(options, saving)
-        print(f'| {" | ".join(row(what, found, first, options.goals))} |', flush=True)
-        for number, selection in found.selections:
+    first, found = _FIRST + options.settle, []
+    for saving in ('', SAVING % options.every):
+        one = drive(options, saving)
+        for number, selection in one.selections:
             told = selection.doubt or (selection.outdated and f'{selection.outdated} outdated')
-            print(f'  goal {number}: {listed(selection.names)} {told or ""}', file=sys.stderr)
-        for number, topics in found.switched_off:
-            print(f'  goal {number}: off {listed(topics)}', file=sys.stderr)
+            print(f'goal {number}: {listed(selection.names)} {told or ""}', file=sys.stderr)
+        for number, topics in one.switched_off:
+            print(f'goal {number}: off {listed(topics)}', file=sys.stderr)
+        found.append(measured(one, first, options.goals))
     print(
-        f'\ngoals {first} to {options.goals}; then the task changes: return with its standard '
-        f'error; margin {_MARGIN:g}; {(SAVING % options.every).strip()}'
+        f'goals {first} to {options.goals}; then the task changes; margin {_MARGIN:g}; '
+        f'{(SAVING % options.every).strip()}\n\n'
+        '| | without `saving` | with `saving` |\n|---|---|---|'
     )
+    for what in found[0]:
+        print(f'| {what} | {found[0][what]} | {found[1][what]} |')
 
 
 def main(arguments: list[str] | None = None) -> int:

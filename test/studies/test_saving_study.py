@@ -7,7 +7,7 @@ pytest.importorskip('rclpy', reason='ROS 2 is not here')
 
 from selections import selection, sensor
 
-from studies.robot.saving import Run, row
+from studies.robot.saving import Run, measured
 from studies.robot.saving_nodes import command_of
 from studies.tasks.lidar_world import GOAL, NUM_RAYS
 
@@ -24,7 +24,7 @@ def test_the_controller_drives_to_the_goal_and_away_from_what_is_near():
     assert np.isfinite(command_of({'x': float('nan'), 'scan[3]': float('nan')})).all()
 
 
-def test_a_row_tells_of_the_goals_measured_and_of_the_change():
+def test_what_is_measured_tells_of_the_goals_measured_and_of_the_change():
     old, new = sensor('x', is_selected=True), sensor('motor', is_selected=True)
     run = Run([1.0, -1.0] * 20)
     run.switched_off = [(0, []), (10, ['/imu', '/other/scan']), (20, [])]
@@ -37,9 +37,9 @@ def test_a_row_tells_of_the_goals_measured_and_of_the_change():
         n: {'seconds': 2.0 * n, 'sampler': 0.2 * n, 'lidar': n, 'messages': n, 'bytes': 500 * n}
         for n in range(1, 41)
     }
-    assert row('saving', run, 10, 30) == (
-        'saving', '50%', '0.5 messages/s, 0.2 kB/s', '50%', '10%', '0.00 +- 0.22', 'after 3',
-        'after 7',
-    )  # fmt: skip
+    assert list(measured(run, 10, 30).values()) == [
+        '50%', '0.5 messages/s, 0.2 kB/s', '50% of a core', '10% of a core', '0.00 +- 0.22',
+        'after 3 goals', 'after 7 goals',
+    ]  # fmt: skip
     run.selections = run.selections[:1]
-    assert row('saving', run, 10, 30)[-2:] == ('not', 'not')
+    assert list(measured(run, 10, 30).values())[-2:] == ['not', 'not']
