@@ -1,119 +1,110 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""The selector of the project: of the sensors that have evidence, the one with the best score."""
+"""The selector: sensors with evidence that the return depends on them, ranked by score."""
 
 from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import replace
 from numbers import Real
 from typing import Any
 
 import numpy as np
 
 from .blas_threads import one_blas_thread
-from .conditional_mi import ConditionalMI
+from .criterion import make_criterion
 from .data_checks import problem_of_skill, problems_of_data
 from .effect import Effect
 from .episode import unique_episodes
-from .lsmi import Lsmi
+from .evidence_ranking import EvidenceRanking, rank_by_evidence
 from .permutation import PermutationTest, permutation_test
-from .samples import Samples, collect_samples, normal_scores, split_by_step, standardized
-from .search import Criterion, Sensor, backward_elimination
+from .samples import Samples, collect_samples
+from .search import Criterion
 from .sensor_selector import Ranking, SensorSelector
-from .shadows import null_scores
 from .statuses import DISPENSABLE
-from .stepwise import Finding, StepwiseSelection
+from .stepwise import Finding
 from .targets import ACTION, RETURN, TARGETS, TargetTest
-from .time_bins import MOST_BINS, choose_time_bins
-from .verdicts import Verdict, verdicts
+from .time_bins import MOST_BINS
+from .verdicts import Verdict
 
-#: Kernel widths of the default; the paper's grid is wider and finer, with the same results.
-WIDTHS = tuple(np.logspace(-1, 1.5, 6))
-#: A bin holds no more samples: neighbouring steps of an episode tell nearly the same.
-_MAX_SAMPLES = 1000
 #: Episodes are shifted where signs give no more, so that no p-value depends on a smaller level.
 _LEAST_SHIFTED = 0.05
-#: Time bins are compared by so many channels, the likeliest to be informative.
-_MAX_COMPARED = 10
 
 
 class ConditionalMISelector(SensorSelector):
     """Select the sensors that the return, the action or a decision depends on.
 
-    A test says which sensors are informative beside those selected before, and of these the one
-    with the best score is next. In the end each is tested given all the others. Its further
-    attributes are those of `SensorSelector`.
+    In each round a test finds the sensors that are informative given those selected so far; the one
+    with the best score is added. At the end each selected sensor is tested given all the others.
+    Further attributes are those of `SensorSelector`.
 
     Parameters
     ----------
     num_features : int, optional
-        How many sensors to select. None takes those that are confirmed, which may be none.
+        Number of sensors to select. None selects the confirmed ones, which may be none.
     target : {'return', 'decision', 'action'}
-        What sensors are selected for; see `targets`. The score is that of the return, or of the
-        action where there is no reward.
+        The question; see `targets`. The score is that of the return, with 'action' that of the
+        first action.
     gamma : float
         Discount factor of the return, 0 < gamma <= 1.
     criterion : {'held_out', 'plug_in'}
-        See `Lsmi`. 'plug_in' ranks by the score alone, and selects all where no number is given.
+        See `Lsmi`. 'plug_in' ranks by the score alone, without a test; if `num_features` is None,
+        it selects all sensors.
     standardize : bool
-        Take channels and returns by their normal scores over all samples.
+        Replace channels and returns by their normal scores over all samples.
     direction : {'forward', 'backward'}
         Forward selection, or backward elimination, whose first sensors are then tested.
     groups : mapping of str to sequence of (str or int), optional
-        Sensors that deliver several channels: name to channel names or indices. A channel in
-        no group is a sensor by itself. Sensors are selected whole; in forward selection those
-        channels of it that tell something speak for it.
+        Sensors of several channels: name to channel names or indices. A channel in no group is a
+        sensor of its own. Sensors are selected as a whole; forward selection also finds the
+        channels that support each.
     max_time_bins : int or 'auto', optional
-        Longer episodes have neighbouring steps pooled into this many bins; None never pools.
-        'auto' decides by the score between 32 and a single one.
+        Neighbouring steps of longer episodes are pooled into this many bins; None never pools.
+        'auto' chooses between 32 bins and a single one by their scores.
     tuning_window : int
-        How many steps (or bins) on either side help a step to pick its kernel width and
-        regularisation; see `ConditionalMI`.
+        Number of steps (or bins) on either side that share in the choice of a step's kernel width
+        and regularisation; see `ConditionalMI`.
     num_centers : int, optional
-        Greatest number of kernel centres in a step; None takes all samples.
+        Greatest number of kernel centres in a step; None uses all samples.
     significance : float
-        Probability, 0 < significance < 1, that anything is confirmed where nothing matters.
+        Probability that any sensor is confirmed when none is informative, 0 < significance < 1.
     margin : float
         A sensor that adds less than this share of the target's variance is dispensable.
     random_state : int
         Seed. The same seed and data give the same result bit for bit on one machine.
     n_jobs : int
-        Threads that share the work.
+        Number of threads.
 
     Attributes
     ----------
     pvalues_ : numpy.ndarray, shape (len(ranking_),)
-        Of the hypothesis that a sensor is uninformative beside those selected, corrected for the
-        number of candidates.
+        p-values of the hypothesis that a sensor is uninformative given the selected ones,
+        corrected for the number of candidates.
     statuses_ : list of str
-        One of `STATUSES` for each sensor of the ranking.
+        One of `STATUSES` for each ranked sensor.
     effects_ : list of Effect
-        What each sensor adds to the prediction of the target beside the others selected.
+        What each sensor adds to what the other selected sensors predict of the target.
     why_ : list of str
         The variable of the target for which the evidence for each sensor is strongest.
     predicted_share_, predicted_share_of_all_ : float
-        Share of the target's variance that the selected sensors predict in episodes left out, and
-        that all sensors do.
+        Share of the target's variance that the selected sensors, and all sensors, predict in
+        held-out episodes.
     warnings_ : list of str
-        What limits what the data show. Each is also given to `warnings.warn`.
+        What the data cannot show. Each is also passed to `warnings.warn`.
     null_scores_ : numpy.ndarray, shape (len(ranking_), 3)
-        5 %, median and 95 % of the scores of uninformative sensors at the same place:
-        a prediction from six, each with its trajectories exchanged between the episodes.
+        5 %, median and 95 % of the scores of uninformative sensors at the same rank: a prediction
+        interval from six shadows, whose trajectories are exchanged between episodes.
     supporting_channels_ : list of tuple of int
-        The channels that support each sensor: all of it, or those of many that tell something,
-        the best first; of one that never changed, none.
+        The channels that carry the evidence for each sensor, best first; none for a constant one.
     redundant_with_ : list of tuple of int
-        For each sensor of the ranking, the confirmed ones it is redundant with: without one of
-        these there would be strong evidence for it, beside all of them it is not confirmed.
+        For each ranked sensor, the confirmed sensors it is redundant with: it would have strong
+        evidence without one of them, but is not confirmed given all of them.
     num_duplicates_ : int
-        Episodes that were there twice, states and rewards alike, and left out.
+        Number of exact copies of other episodes, which are left out.
 
     Notes
     -----
-    What is confirmed is informative under the policy that collected the episodes; what is not may
-    matter under another.
+    Results refer to the policy that collected the episodes; other sensors may matter under another.
 
     Hachiya & Sugiyama, Feature Selection for Reinforcement Learning: Evaluating Implicit
     State-Reward Dependency via Conditional Mutual Information, 2010.
@@ -152,7 +143,7 @@ class ConditionalMISelector(SensorSelector):
 
     @classmethod
     def paper(cls, num_features: int | None = None, **options) -> ConditionalMISelector:
-        """Return a selector set as in the paper: raw features, Equation (10), B = M, all steps."""
+        """Return a selector with the paper's settings: raw features, Equation (10), B = M."""
         paper: dict[str, Any] = {
             'criterion': 'plug_in',
             'standardize': False,
@@ -163,7 +154,7 @@ class ConditionalMISelector(SensorSelector):
         return cls(num_features, **(paper | options))
 
     def single_scores(self, episodes, names: Sequence[str] | None = None) -> np.ndarray:
-        """Return the criterion of each sensor by itself: shape (S,). Nothing is fitted.
+        """Return the score of each sensor alone: shape (S,). Nothing is fitted.
 
         Parameters
         ----------
@@ -173,7 +164,7 @@ class ConditionalMISelector(SensorSelector):
         Raises
         ------
         ValueError
-            If a parameter or the data are not as described; the message names the value.
+            If a parameter or the data are invalid; the message names the value.
 
         """
         episodes, names, _, sensors = self._checked(episodes, names)
@@ -189,7 +180,7 @@ class ConditionalMISelector(SensorSelector):
 
     @property
     def _bins(self) -> int | None:
-        """The number of time bins where the data do not choose it."""
+        """The number of time bins, without a choice by the data."""
         return MOST_BINS if isinstance(self.max_time_bins, str) else self.max_time_bins
 
     def fit(
@@ -207,12 +198,12 @@ class ConditionalMISelector(SensorSelector):
         Parameters
         ----------
         episodes, names, start, progress
-            As of `SensorSelector.fit`; arrays may have a third one of actions, (M, N, a).
+            As of `SensorSelector.fit`; a third array (M, N, a) may hold the actions.
         action_names : sequence of str, optional
             One name for each value of the actions; action0, action1, ... by default.
         ordered : bool
-            Whether the order of the episodes is that of time. Then slow drift, which any two
-            slow things share, is no evidence. Say False where it means nothing.
+            Whether the episodes are in the order of time; slow drift, which any two slow signals
+            share, is then no evidence. Set False if the order means nothing.
 
         """
         self._ordered, self._action_names = ordered, action_names
@@ -235,63 +226,48 @@ class ConditionalMISelector(SensorSelector):
         self.num_duplicates_ = num_episodes - len(episodes)
         if len(episodes) < 2:
             raise ValueError(
-                f'all {num_episodes} episodes are alike; expected at least 2 to compare'
+                f'all {num_episodes} episodes are identical; expected at least 2 different ones'
             )
         samples = self._samples(episodes)
         if self.criterion == 'plug_in':
-            self._keep_evidence([], [], np.empty((0, 3)))
+            self._keep_evidence(EvidenceRanking([], [], np.empty((0, 3)), 0))
             return self._rank_by_score(self._criterion(samples, self._bins), sensors)
         self._warn_of(problems_of_data(episodes, self.gamma, ordered=self._ordered))
         varying = np.ptp(samples.states, axis=0) > 0
         live = [i for i, sensor in enumerate(sensors) if varying[list(sensor)].any()]
-        dead = [i for i in range(len(sensors)) if i not in live]
+        constant = [i for i in range(len(sensors)) if i not in live]
         if self.num_features is not None and self.num_features > len(live):
             raise ValueError(
                 f'num_features is {self.num_features}, but only {len(live)} sensors ever change: '
-                f'constant are {", ".join(names[sensors[i][0]] for i in dead)}'
+                f'constant are {", ".join(names[sensors[i][0]] for i in constant)}'
             )
-        living = [tuple(c for c in sensors[i] if varying[c]) for i in live]
-        start = [i for i, sensor in enumerate(live) if sensor in self._start]
-        findings: list[Finding] = []
-        found: list[Verdict] = []
-        null, num_selected = np.empty((0, 3)), 0
-        if living:
+        found = EvidenceRanking([], [], np.empty((0, 3)), 0)
+        if live:
+            varying_channels = [tuple(c for c in sensors[i] if varying[c]) for i in live]
             test = self._test(samples, names)
-            while True:
-                findings, null, num_selected = self._search(samples, test, living, start)
-                found = verdicts(
-                    test,
-                    living,
-                    findings,
-                    num_selected,
-                    confirmed_before=start,
-                    significance=self.significance,
-                    margin=self.margin,
-                )
-                dispensable = [
-                    finding.sensor
-                    for finding, verdict in zip(findings[:num_selected], found, strict=False)
-                    if finding.sensor in start and verdict.status == DISPENSABLE
-                ]
-                if not dispensable:
-                    break
-                start = [sensor for sensor in start if sensor not in dispensable]
-            selected = [c for f in findings[:num_selected] for c in f.channels]
-            self.predicted_share_ = test.predicted_share(selected)
-            self.predicted_share_of_all_ = test.predicted_share([c for s in living for c in s])
-        findings = [
-            f._replace(
-                sensor=live[f.sensor], redundant_with=tuple(live[i] for i in f.redundant_with)
+            found = rank_by_evidence(
+                samples,
+                test,
+                self._criterion,
+                varying_channels,
+                start=[i for i, sensor in enumerate(live) if sensor in self._start],
+                num_features=self.num_features,
+                direction=self.direction,
+                max_time_bins=self.max_time_bins,
+                significance=self.significance,
+                margin=self.margin,
+                rng_seed=[self.random_state, 3],
+                progress=self._progress,
             )
-            for f in findings
-        ]
-        if self.num_features is None and dead:
-            score = findings[num_selected - 1].score if num_selected else 0.0
-            findings += [Finding(i, (), score) for i in dead]
-            found += [Verdict(DISPENSABLE, Effect(0.0, 0.0), '')] * len(dead)
-            null = np.vstack([null, np.full((len(dead), 3), score)])
-        self._keep_evidence(findings, found, null)
-        return Ranking([f.sensor for f in findings], [f.score for f in findings], num_selected)
+            selected = [c for f in found.findings[: found.num_selected] for c in f.channels]
+            self.predicted_share_ = test.predicted_share(selected)
+            self.predicted_share_of_all_ = test.predicted_share(np.flatnonzero(varying).tolist())
+        found = found._replace(findings=[_among_all(f, live) for f in found.findings])
+        if self.num_features is None:
+            found = _with_constant(found, constant)
+        self._keep_evidence(found)
+        ranking = [f.sensor for f in found.findings]
+        return Ranking(ranking, [f.score for f in found.findings], found.num_selected)
 
     def _test(self, samples: Samples, names: Sequence[str]) -> TargetTest:
         num_actions = samples.actions.shape[1]
@@ -299,7 +275,7 @@ class ConditionalMISelector(SensorSelector):
         if len(action_names) != num_actions:
             raise ValueError(
                 f'there are {len(action_names)} action_names; expected {num_actions}, '
-                'one for each value of an action'
+                'one for each action value'
             )
         if self.target == ACTION and not num_actions:
             raise ValueError("target is 'action', but the episodes have no actions")
@@ -319,66 +295,19 @@ class ConditionalMISelector(SensorSelector):
             self._warn_of([problem_of_skill(acting.predicted_share, samples.states.shape[1])])
         return test
 
-    def _search(self, samples: Samples, test, living: list[Sensor], start: list[int]):
-        """Return the findings, the scores of uninformative sensors, and how many are selected."""
-        units = [(channel,) for sensor in living for channel in sensor]
-        likely = np.argsort(test(units, []), kind='stable')[:_MAX_COMPARED]
-        bins, criterion = self._choose_bins(samples, [units[i] for i in likely])
-        search = StepwiseSelection(
-            criterion,
-            test,
-            living,
-            significance=self.significance,
-            progress=self._progress,
-        )
-        if self.direction == 'forward':
-            confirmed = search.confirmed(start)
-        else:
-            confirmed = search.tested(self._backward(criterion, living))
-        if self.num_features is None:
-            num_selected, found = len(confirmed), confirmed
-            others = search.listed(found)
-            before = [found[:i] for i in range(num_selected)] + [found] * len(others)
-        else:
-            num_selected = self.num_features
-            found = confirmed[:num_selected]
-            others = search.ranked(found, num_selected - len(found))
-            before = [[*found, *others][:i] for i in range(num_selected)]
-        null = null_scores(
-            lambda extended: self._criterion(extended, bins),
-            samples,
-            [channel for sensor in living for channel in sensor],
-            [[c for f in rest for c in f.channels] for rest in before],
-            np.random.default_rng([self.random_state, 3]),
-        )
-        return [*found, *search.with_redundant(confirmed, others)], null, num_selected
-
     def _warn_of(self, problems: Sequence[str]) -> None:
         for problem in filter(None, problems):
             self.warnings_.append(problem)
             warnings.warn(problem, stacklevel=7)
 
-    def _keep_evidence(
-        self, findings: list[Finding], found: Sequence[Verdict], null: np.ndarray
-    ) -> None:
-        self.pvalues_ = np.array([finding.pvalue for finding in findings])
-        self.statuses_ = [verdict.status for verdict in found]
-        self.effects_ = [verdict.effect for verdict in found]
-        self.why_ = [verdict.why for verdict in found]
-        self.null_scores_ = null
-        self.supporting_channels_ = [finding.channels for finding in findings]
-        self.redundant_with_ = [finding.redundant_with for finding in findings]
-
-    def _backward(self, criterion, sensors):
-        """Return what backward elimination leaves where the score is greatest."""
-        ranking, scores = backward_elimination(criterion, sensors)
-        return ranking[: int(np.argmax(scores)) + 1]
-
-    def _choose_bins(self, samples, units):
-        """Return the number of time bins, and the criterion."""
-        if self.max_time_bins == 'auto':
-            return choose_time_bins(lambda bins: self._criterion(samples, bins), units)
-        return self.max_time_bins, self._criterion(samples, self.max_time_bins)
+    def _keep_evidence(self, found: EvidenceRanking) -> None:
+        self.pvalues_ = np.array([finding.pvalue for finding in found.findings])
+        self.statuses_ = [verdict.status for verdict in found.verdicts]
+        self.effects_ = [verdict.effect for verdict in found.verdicts]
+        self.why_ = [verdict.why for verdict in found.verdicts]
+        self.null_scores_ = found.null_scores
+        self.supporting_channels_ = [finding.channels for finding in found.findings]
+        self.redundant_with_ = [finding.redundant_with for finding in found.findings]
 
     def _check_parameters(self):
         for name in ('gamma', 'tuning_window', 'num_centers', 'significance', 'margin', 'n_jobs'):
@@ -404,25 +333,32 @@ class ConditionalMISelector(SensorSelector):
     def _samples(self, episodes) -> Samples:
         return collect_samples(episodes, gamma=self.gamma, standardize=self.standardize)
 
-    def _criterion(self, samples: Samples, bins: int | None) -> Criterion:
-        is_default = self.criterion == 'held_out'
-        widths: dict[str, Any] = {'widths': WIDTHS} if is_default else {}
-        estimator = Lsmi(criterion=self.criterion, num_centers=self.num_centers, **widths)
-        actions = samples.actions
-        if self.target == ACTION:
-            samples, actions = replace(samples, returns=actions[:, 0]), actions[:, :0]
-        if self.standardize:
-            samples = replace(samples, returns=standardized(normal_scores(samples.returns)))
-        given = samples.states.shape[1] + np.arange(actions.shape[1])
-        steps = split_by_step(
-            samples.with_channels(actions),
-            max_time_bins=bins,
-            num_folds=estimator.num_folds,
+    def _criterion(self, samples: Samples, num_bins: int | None) -> Criterion:
+        return make_criterion(
+            samples,
+            num_bins,
+            target=self.target,
+            criterion=self.criterion,
+            standardize=self.standardize,
             num_centers=self.num_centers,
+            tuning_window=self.tuning_window,
             random_state=self.random_state,
-            max_samples=_MAX_SAMPLES if is_default else None,
+            n_jobs=self.n_jobs,
         )
-        score = ConditionalMI(
-            steps, estimator, tuning_window=self.tuning_window, n_jobs=self.n_jobs
-        )
-        return lambda subsets: score([[*subset, *given] for subset in subsets])
+
+
+def _among_all(finding: Finding, live: Sequence[int]) -> Finding:
+    """Return a finding about some of the sensors with their indices among all."""
+    redundant_with = tuple(live[i] for i in finding.redundant_with)
+    return finding._replace(sensor=live[finding.sensor], redundant_with=redundant_with)
+
+
+def _with_constant(found: EvidenceRanking, constant: Sequence[int]) -> EvidenceRanking:
+    """Return the ranking with the constant sensors at its end, dispensable without a test."""
+    score = found.findings[found.num_selected - 1].score if found.num_selected else 0.0
+    return EvidenceRanking(
+        found.findings + [Finding(i, (), score) for i in constant],
+        found.verdicts + [Verdict(DISPENSABLE, Effect(0.0, 0.0), '')] * len(constant),
+        np.vstack([found.null_scores, np.full((len(constant), 3), score)]),
+        found.num_selected,
+    )

@@ -31,22 +31,25 @@ class Job:
     ----------
     revision : int
         Changes with the data and the settings.
-    generation : int
-        Changes when the data are thrown away.
+    num_clears : int
+        How often the data had been thrown away.
     cause : str
         Who asked for it first.
     arguments : tuple
         Of `run_selection`; the first are the episodes.
     held : sequence of Episode
         These episodes as the buffer holds them.
+    note : str
+        What of the data is left out, if anything.
 
     """
 
     revision: int
-    generation: int
+    num_clears: int
     cause: str
     arguments: tuple
     held: Sequence[Episode] = ()
+    note: str = ''
 
 
 @dataclass(frozen=True)

@@ -30,6 +30,8 @@ from .following_subscription import FollowingSubscription
 from .qos import LATCHED_QOS
 from .selector_parameters import MEGABYTE, parse_fields
 
+#: Seconds between two log lines about the number of episodes.
+_PROGRESS_PERIOD = 10.0
 #: States of other channels in a row after which a robot counts as started anew.
 _FOREIGN_IN_A_ROW = 10
 
@@ -78,6 +80,7 @@ class SelectorInput:
         self._reward_reader = RewardReader()
         self._is_reward_announced = False
         self._num_foreign = 0
+        self._counted_at, self._counted = -math.inf, 0
         self._last_at = dict.fromkeys(('state', 'reward', 'action'), -math.inf)
         self._switched_off: list[str] = []  # Topics, by the sampler.
         node.create_subscription(String, 'switched_off', self._take_switched_off, LATCHED_QOS)
@@ -98,6 +101,16 @@ class SelectorInput:
     def topics(self) -> list[str]:
         """Names of the topics that must be there, as they are after remapping."""
         return [self._subscriptions[topic].topic_name for topic in ('state', 'reward')]
+
+    @property
+    def channel_names(self) -> tuple[str, ...] | None:
+        """Names of the channels, in the order of the states; None until known."""
+        return self.assembler.channel_names
+
+    @property
+    def action_names(self) -> tuple[str, ...]:
+        """Names of the actions' values."""
+        return self.assembler.actions.names
 
     @property
     def problem(self) -> str:
@@ -125,6 +138,12 @@ class SelectorInput:
         discount = discount or Discount(self._settings['gamma'])
         return discount.per_step(self.assembler.builder.step_seconds)
 
+    def restore_names(
+        self, channel_names: tuple[str, ...] | None, action_names: tuple[str, ...]
+    ) -> None:
+        """Expect the channels and actions of an earlier run."""
+        self.assembler.channel_names, self.assembler.actions.names = channel_names, action_names
+
     def apply(self) -> None:
         """Take over the parameters."""
         values, reader = self._settings, self.assembler.reader
@@ -148,6 +167,7 @@ class SelectorInput:
             for name, subscription in self._subscriptions.items()
         }
         self._take(self.assembler.actions.look, now)
+        self._log_count(now)
         for line in self._watch.look(now, topics, self._switched_off):
             self._node.get_logger().warning(line)
         values = {
@@ -176,6 +196,14 @@ class SelectorInput:
             self._switched_off = [str(topic) for topic in list_of(json.loads(msg.data))]
         except (ValueError, TypeError, RecursionError) as error:
             self._node.get_logger().warning(f'switched_off cannot be read: {error}')
+
+    def _log_count(self, now: float) -> None:
+        count, needed = len(self._buffer), self._settings['min_episodes']
+        if count > self._counted < needed and (
+            now > self._counted_at + _PROGRESS_PERIOD or count >= needed
+        ):
+            self._node.get_logger().info(f'{min(count, needed)} of {counted(needed, "episode")}')
+            self._counted_at, self._counted = now, count
 
     def _take_state(self, msg: JointState) -> None:
         self._last_at['state'] = time.monotonic()

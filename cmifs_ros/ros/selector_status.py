@@ -10,21 +10,20 @@ from math import inf
 from diagnostic_msgs.msg import DiagnosticStatus
 
 from cmifs_ros.collect.selection_report import headline
-from cmifs_ros.core.words import listed
+from cmifs_ros.core.words import counted, listed
 
 from . import diagnostics
-from .selection_in_use import SelectionInUse
 from .selection_queue import SelectionQueue
-from .state_relay import StateRelay
+from .selector_output import SelectorOutput
 
 
 def selection(
     name: str,
-    in_use: SelectionInUse | None,
+    output: SelectorOutput,
     *,
-    relay: StateRelay,
     queue: SelectionQueue,
     attempt: tuple[bytes, str],
+    num_episodes: int,
     settings: dict,
 ) -> DiagnosticStatus:
     """Return the status of the selection.
@@ -33,17 +32,17 @@ def selection(
     ----------
     name : str
         Of the status.
-    in_use : SelectionInUse or None
-    relay : StateRelay
-        What applies it.
+    output : SelectorOutput
     queue : SelectionQueue
     attempt : tuple of bytes and str
-        Level and message of the last attempt if it failed or confirmed nothing, or empty; what is
-        waited for if there is no selection.
+        Level and message of the last attempt if it failed or confirmed nothing, else empty.
+    num_episodes : int
+        Episodes held.
     settings : dict
         The node's parameters.
 
     """
+    in_use, relay = output.in_use, output.relay
     values = {
         'worker': 'computing' if queue.busy else 'idle',
         'worker pid': queue.worker_pid or 'none',
@@ -66,6 +65,8 @@ def selection(
     if sampler := relay.other_publisher():
         values['selected_state comes from'] = sampler
     level, message = attempt
+    if in_use is None and not message:
+        message = _waiting_for(num_episodes, settings)
     if level != diagnostics.ERROR and in_use is not None:
         doubt = in_use.doubt('')
         if relay.is_lacking:
@@ -77,3 +78,12 @@ def selection(
         else:
             message = headline(in_use.selection)
     return diagnostics.status(name, level, message, values)
+
+
+def _waiting_for(num_episodes: int, settings: dict) -> str:
+    episodes, needed = counted(num_episodes, 'episode'), settings['min_episodes']
+    if num_episodes < needed:
+        return f'no selection yet: {episodes} of at least {needed}'
+    if not settings['selection_period']:
+        return f'no selection yet: call select_features ({episodes}; selection_period is 0)'
+    return f'no selection yet: the next one will use {episodes}'

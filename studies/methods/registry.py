@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cmifs_ros.core import ConditionalMI, ConditionalMISelector, Episode, KDRSelector, Lsmi
-from cmifs_ros.core.conditional_mi_selector import WIDTHS
+from cmifs_ros.core.criterion import WIDTHS
 from cmifs_ros.core.samples import step_samples
 from cmifs_ros.core.search import forward_selection
 from cmifs_ros.core.shadows import exchange

@@ -187,7 +187,7 @@ def test_too_few_episodes_are_refused_with_the_numbers_and_enough_wait_for_a_cal
     robot.wait_for_episodes(3)
     reply = robot.call(robot.select_client)
     assert not reply.success
-    said = 'no selection yet; 3 episodes of at least 20'
+    said = 'no selection yet: 3 episodes of at least 20'
     robot.until(lambda: robot.diagnostics['selector: selection'][1] == said)
     assert robot.set_parameter('min_episodes', 3).successful
     said = 'call select_features, as selection_period is 0'

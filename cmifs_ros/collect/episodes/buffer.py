@@ -31,6 +31,11 @@ class EpisodeBuffer:
     ----------
     num_repeated : int
         Number of copies that were not kept.
+    num_seen : int
+        Number of episodes since the buffer was cleared, or old ones forgotten, including those
+        removed to make room.
+    num_clears : int
+        How often it was cleared.
 
     Raises
     ------
@@ -41,7 +46,7 @@ class EpisodeBuffer:
 
     def __init__(self, max_episodes: int = 100, max_bytes: int | None = None):
         self._episodes: OrderedDict[bytes, Episode] = OrderedDict()  # by digest
-        self.num_repeated = 0
+        self.num_repeated = self.num_seen = self.num_clears = 0
         self._num_steps = 0
         self._nbytes = 0
         self._max_episodes = _checked('max_episodes', max_episodes)
@@ -107,6 +112,7 @@ class EpisodeBuffer:
             return False
         self._make_room(1, episode.nbytes)
         self._episodes[digest] = episode
+        self.num_seen += 1
         self._num_steps += len(episode)
         self._nbytes += episode.nbytes
         return True
@@ -117,11 +123,13 @@ class EpisodeBuffer:
             held = self._episodes.pop(_digest(episode), None)
             if held is not None:
                 self._count_out(held)
+        self.num_seen = len(self)
 
     def clear(self) -> None:
         """Remove all episodes."""
         self._episodes.clear()
-        self._num_steps = self._nbytes = 0
+        self._num_steps = self._nbytes = self.num_seen = 0
+        self.num_clears += 1
 
     def snapshot(self) -> tuple[Episode, ...]:
         """Return the episodes held now, oldest first; later changes do not affect the result."""

@@ -19,14 +19,17 @@ def test_buffer_keeps_the_newest_and_snapshots_do_not_change():
     assert [e.states[0, 0] for e in snapshot] == [1, 2]
     assert (len(buffer), buffer.num_steps) == (2, 6)
     assert buffer.nbytes == 2 * (3 * 2 + 3) * 8
+    assert buffer.num_seen == 3
     buffer.forget([*snapshot[:1], episode(value=9)])
     assert [e.states[0, 0] for e in buffer.snapshot()] == [2]
+    assert buffer.num_seen == 1
     assert (buffer.num_steps, buffer.nbytes) == (3, (3 * 2 + 3) * 8)
     buffer.append(snapshot[0])  # It may come again.
     buffer.max_episodes = 1
     assert [e.states[0, 0] for e in buffer.snapshot()] == [1]
     buffer.clear()
     assert len(buffer) == 0
+    assert (buffer.num_seen, buffer.num_clears) == (0, 1)
     assert len(snapshot) == 2
 
 

@@ -1,0 +1,137 @@
+# SPDX-License-Identifier: Apache-2.0
+
+"""What leaves the selector: the selection in use, and the state reduced to it."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import time
+from array import array
+
+from rclpy.node import Node
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Header, Int32MultiArray, String
+
+from cmifs_ros.collect.selection_fields import fields_of
+from cmifs_ros.core.selection import Selection
+from cmifs_ros.core.words import listed
+
+from . import conversions
+from .heard_topics import HeardTopics
+from .qos import LATCHED_QOS
+from .selection_in_use import SelectionInUse
+from .state_relay import StateRelay
+
+
+class SelectorOutput:
+    """Hold the selection in use, number it, publish it, and apply it to the state.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+    settings : dict
+        The node's parameters by name, which follows their changes.
+
+    Attributes
+    ----------
+    in_use : SelectionInUse or None
+    relay : StateRelay
+
+    """
+
+    def __init__(self, node: Node, settings: dict):
+        self._node, self._settings = node, settings
+        self._indices_publisher = node.create_publisher(
+            Int32MultiArray, 'selected_indices', LATCHED_QOS
+        )
+        self._scores_publisher = node.create_publisher(JointState, 'scores', LATCHED_QOS)
+        self._selection_publisher = node.create_publisher(String, 'selection', LATCHED_QOS)
+        self.relay = StateRelay(node, settings)
+        self._topics = HeardTopics(node)
+        self.in_use: SelectionInUse | None = None
+        self._last_number = 0
+
+    def use(self, selection: Selection, channel_names: tuple[str, ...], cause: str) -> Selection:
+        """Apply a new selection; return it with its number."""
+        selection = dataclasses.replace(selection, number=self._last_number + 1)
+        self._apply(selection, channel_names, time.monotonic(), cause)
+        return selection
+
+    def restore(self, selection: Selection, channel_names: tuple[str, ...], age: float) -> None:
+        """Apply the selection of an earlier run, made `age` seconds ago."""
+        # A selection that `select_from_bag` saved has no number.
+        selection = dataclasses.replace(selection, number=selection.number or 1)
+        self._apply(selection, channel_names, time.monotonic() - age, 'read from the file')
+
+    def change_channels(self, channel_names: tuple[str, ...]) -> None:
+        """Keep the selection if the new channels include all of its own; otherwise drop it."""
+        in_use = self.in_use
+        if in_use is None or in_use.channel_names == channel_names:
+            return
+        selection = in_use.selection
+        missing = set(selection.names) - set(channel_names)
+        if missing:
+            self._node.get_logger().warning(
+                f'the selection is dropped: {listed(sorted(missing))} is not among the new '
+                f'channels {listed(channel_names)}'
+            )
+            self.in_use = None
+            self.relay.use(None)
+            return
+        indices = tuple(map(channel_names.index, selection.names))
+        moved = dataclasses.replace(
+            selection, indices=indices, means=(), spreads=(), number=self._last_number + 1
+        )
+        self._apply(moved, channel_names, in_use.selected_at, in_use.cause)
+
+    def fields(self, selection: Selection) -> dict:
+        """Return a selection as a dict for JSON, with the topics of its channels if known."""
+        return fields_of(selection, self._topics.of(selection))
+
+    def apply(self) -> None:
+        """Take over the parameters."""
+        self.relay.use(self.in_use)
+
+    def publish_doubt(self, problem: str) -> None:
+        """Publish the selection again if there is a new reason to doubt it, or none any longer.
+
+        Parameters
+        ----------
+        problem : str
+            Message of the last attempt to select, if it failed.
+
+        """
+        if self.in_use is None:
+            return
+        doubt = self.in_use.doubt(problem)
+        if doubt != self.in_use.selection.doubt:
+            self.in_use.selection = dataclasses.replace(self.in_use.selection, doubt=doubt)
+            self._publish_selection()
+
+    def relay_state(self, header: Header, names: list[str], values: array) -> None:
+        """Publish the selected channels of a state."""
+        self.relay.relay(header, names, values)
+
+    def _apply(
+        self, selection: Selection, channel_names: tuple[str, ...], selected_at: float, cause: str
+    ) -> None:
+        self._last_number = selection.number
+        self.in_use = SelectionInUse(
+            selection,
+            channel_names,
+            selected_at=selected_at,
+            cause=cause,
+            horizon=self._settings['min_episodes'],
+        )
+        self.relay.use(self.in_use)
+        self._publish_selection()
+        self._indices_publisher.publish(conversions.indices_to_msg(selection.indices))
+        header = Header(stamp=self._node.get_clock().now().to_msg())
+        self._scores_publisher.publish(
+            conversions.named_values_to_msg(header, selection.ranking, selection.scores)
+        )
+
+    def _publish_selection(self) -> None:
+        fields = self.fields(self.in_use.selection)
+        self._selection_publisher.publish(String(data=json.dumps(fields)))
