@@ -114,8 +114,8 @@ class SelectedState:
             message = listed(self._newest.names)
         elif self._settings['pass_through_until_selected']:
             message = 'all channels, before the first selection'
-        if self._newest.gone:
-            level, message = diagnostics.WARN, self._lack(self._newest.gone)
+        if self._newest.missing:
+            level, message = diagnostics.WARN, self._lack(self._newest.missing)
         values = {
             'messages': self._num_sent,
             'number': '' if self._number is None else self._number,
@@ -140,7 +140,7 @@ class SelectedState:
         values = self._newest.state(self._now())
         if self._selected is not None:
             self._say_gone()
-        if self._newest.gone and self._settings['stop_on_missing_channel']:
+        if self._newest.missing and self._settings['stop_on_missing_channel']:
             return
         self._num_sent += 1
         if self._publisher.get_subscription_count():
@@ -150,7 +150,7 @@ class SelectedState:
             self._publisher.publish(out)
 
     def _say_gone(self) -> None:
-        now, gone, told = time.monotonic(), self._newest.gone, self._told_gone
+        now, gone, told = time.monotonic(), self._newest.missing, self._told_gone
         due = {n for n in gone.keys() - told if now > self._silent_until.get(n, 0.0)}
         fresh = {name: why for name, why in gone.items() if name in due}
         self._told_gone = (told & gone.keys()) | due

@@ -14,9 +14,9 @@ from cmifs_ros.core.words import counted, listed
 from .event_order import SECOND
 
 #: Why a step lacks a value.
-_NEVER, _OLD = 'no message', 'silent'
+NEVER, SILENT = 'no message', 'silent'
 _NAN, _INFINITE, NO_VALUE = 'it is NaN', 'it is infinite', 'it has no value'
-_UNLISTED = 'it is of a kind that its one_hot does not list'
+_UNLISTED = 'its category is not listed in one_hot'
 
 
 def cause(source: Source, since: float | None, values: Sequence[float], time: int) -> str | None:
@@ -33,14 +33,19 @@ def cause(source: Source, since: float | None, values: Sequence[float], time: in
 
     """
     if since is None:
-        return _NEVER
+        return NEVER
     if time - since > source.max_age * SECOND:
-        return _OLD
+        return SILENT
     if source.one_hot and math.isnan(values[0]):
         return _UNLISTED
     if all(map(math.isfinite, values)):
         return None
     return _NAN if any(map(math.isnan, values)) else _INFINITE
+
+
+def silent_for(source: Source) -> str:
+    """Return, in words, how long a silent source has sent nothing."""
+    return f'silent for more than its max_age, {source.max_age:g} s'
 
 
 class MissingValues:
@@ -106,10 +111,10 @@ class MissingValues:
 
     def _explained(self, name: str, why: str) -> str:
         """Return why a step lacked something, by what is known of its messages by now."""
-        if why not in (_NEVER, _OLD):
+        if why not in (NEVER, SILENT):
             return why
         source = self._sources[name]
-        if why == _NEVER:
+        if why == NEVER:
             if name in self._useful:
                 return 'no message yet'
             return 'no message of use' if self._received[source.path.topic] else why
@@ -117,4 +122,4 @@ class MissingValues:
         period = (newest - first) / SECOND / (count - 1) if count > 1 else 0.0
         if period > source.max_age:
             return f'its messages come every {period:.3g} s, max_age is {source.max_age:g} s'
-        return f'silent for more than its max_age, {source.max_age:g} s'
+        return silent_for(source)

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""The newest values of the selected channels, whatever the others do: for control, at once.
+"""The newest values of the selected channels, for control.
 
-Learning is by event time and waits (`sampler`); here a message counts as soon as it is received.
+Learning is in event time and waits for late messages (`sampler`); here a message counts as soon as
+it is received.
 """
 
 from __future__ import annotations
@@ -14,17 +15,18 @@ from collections.abc import Collection, Iterator, Sequence
 from cmifs_ros.collect.robot_file.model import CHANNEL, RobotFile, Source, UnlistedKindError
 
 from .event_order import SECOND
+from .held_values import HeldValues
 from .message_reader import UNREADABLE
-from .summaries import Summary
+from .missing_values import NEVER, SILENT, silent_for
 
-#: Seconds for which a channel of any `max_age` may take to speak for the first time.
+#: Seconds in which the first message of a channel is waited for, whatever its `max_age`.
 _FIRST = 1.0
 
 
 class NewestValues:
     """Hold the newest values of a robot's channels.
 
-    Times are nanoseconds of one clock of the caller's, which may be set back.
+    Times are nanoseconds of one clock of the caller, which may be set back.
 
     Parameters
     ----------
@@ -33,22 +35,21 @@ class NewestValues:
     Attributes
     ----------
     names : list of str
-        What `state` returns, in order; at first all channels.
-    gone : dict of str to str
-        Why the newest `state` has NaN for a selected sensor, by its name. One that has not spoken
-        yet is given a second.
+        The channels that `state` returns, in order; at first all channels.
+    missing : dict of str to str
+        By sensor, why the newest `state` has NaN for a selected channel of it. A sensor without any
+        message is not missing in the first second.
 
     """
 
     def __init__(self, robot: RobotFile):
         self._robot = robot
+        self._held = HeldValues()
         self._by_topic: dict[str, list[Source]] = {}
         self._received: dict[str, tuple[int, object]] = {}  # By topic, its newest message.
-        self._held: dict[str, tuple[int, list[float]]] = {}  # By source, its newest values.
-        self._summaries: dict[str, Summary] = {}  # By source, since the newest `state`.
-        self._since: int | None = None  # When it was first asked.
-        self._last = 0
-        self.gone: dict[str, str] = {}
+        self._begun: int | None = None  # Time of the first `state`.
+        self._last = self._set_back = 0
+        self.missing: dict[str, str] = {}
         self.select(robot.channel_names, robot.channel_names)
 
     def select(self, selected: Collection[str], names: Sequence[str]) -> None:
@@ -59,7 +60,7 @@ class NewestValues:
         selected : collection of str
             Channels of the robot file.
         names : sequence of str
-            What `state` is to return, in order; NaN for one that is not selected.
+            The channels that `state` returns, in order; NaN for those not selected.
 
         """
         self.names = list(names)
@@ -72,25 +73,18 @@ class NewestValues:
         self._by_topic = {}
         for source, _ in self._places:
             self._by_topic.setdefault(source.path.topic, []).append(source)
-        self._summaries = {
-            source.name: self._summaries.get(source.name) or Summary(source)
-            for source, _ in self._places
-            if source.over
-        }
-        # What is latched does not come again.
+        self._held.follow(source for source, _ in self._places)
+        # A latched message does not come again.
         for topic, (time, message) in self._received.items():
-            for source, values in self._readings(topic, message):
-                self._held[source.name] = time, values
+            self._held.hold(time, dict(self._readings(topic, message)))
 
     def take(self, topic: str, message, time: int) -> None:
-        """Take a message, of which the values of the selected channels count."""
+        """Take the values of the selected channels from a message."""
+        time = self._never_back(time)
         self._received[topic] = time, message
-        for source, values in self._readings(topic, message):
-            self._held[source.name] = time, values
-            if source.over:
-                self._summaries[source.name].add(values)
+        self._held.hear(time, dict(self._readings(topic, message)))
 
-    def _readings(self, topic: str, message) -> Iterator[tuple[Source, list[float]]]:
+    def _readings(self, topic: str, message) -> Iterator[tuple[str, list[float]]]:
         for source in self._by_topic.get(topic, ()):
             try:
                 values = source.readings(message)
@@ -99,36 +93,26 @@ class NewestValues:
             except UNREADABLE:
                 continue
             if values:
-                yield source, values
+                yield source.name, values
 
     def state(self, time: int) -> array:
-        """Return the values at a time, NaN for what has none or none that is finite.
+        """Return the values at a time; NaN if missing or not finite.
 
-        What is summarised is so since the call before: this is to be called once a step.
+        Summaries cover the time since the last call: call this once per step.
         """
+        time = self._never_back(time)
+        self._begun = time if self._begun is None else self._begun
         state = array('d', [math.nan]) * len(self.names)
-        self.gone = {}
-        if self._since is None:
-            self._since = time
-        if time < self._last:  # The clock was set back: what was received counts from now on.
-            self._since = min(self._since, time)
-            for newest in (self._held, self._received):
-                newest |= {key: (min(at, time), what) for key, (at, what) in newest.items()}
-        self._last = time
+        self.missing = {}
         for source, places in self._places:
-            at, values = self._held.get(source.name, (None, ()))
-            summary = self._summaries.get(source.name)
-            if summary is not None and summary.is_known:
-                self._fill(state, source, places, summary.take())
-            elif at is None:
-                if time - self._since > min(source.max_age, _FIRST) * SECOND:
-                    self.gone[source.name] = 'no message yet'
-            elif time - at > source.max_age * SECOND:
-                self.gone[source.name] = f'silent for more than its max_age, {source.max_age:g} s'
-            elif summary is not None and all(map(math.isfinite, values)):
-                self._fill(state, source, places, summary.take_of(values))
-            elif summary is not None:
-                self.gone[source.name] = 'no finite value'
+            values, cause = self._held.of(source, time)
+            if cause == NEVER:
+                if time - self._begun > min(source.max_age, _FIRST) * SECOND:
+                    self.missing[source.name] = 'no message yet'
+            elif cause == SILENT:
+                self.missing[source.name] = silent_for(source)
+            elif cause is not None and source.over:
+                self.missing[source.name] = cause
             else:
                 self._fill(state, source, places, values)
         return state
@@ -138,4 +122,10 @@ class NewestValues:
             if math.isfinite(values[i]):
                 state[place] = values[i]
             else:
-                self.gone[source.name] = f'it is {values[i]}'
+                self.missing[source.name] = f'it is {values[i]}'
+
+    def _never_back(self, time: int) -> int:
+        """Return a time that continues where the clock was before it was set back."""
+        self._set_back += max(0, self._last - time)
+        self._last = time
+        return time + self._set_back

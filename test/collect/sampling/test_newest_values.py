@@ -43,37 +43,37 @@ def test_before_a_selection_it_has_all_channels_in_the_order_of_the_file(newest)
     assert state(newest) == [1, 2, 3, 4, 0, 1]
     take(newest, a=5.0)
     assert state(newest)[0] == 5
-    assert newest.gone == {}
+    assert newest.missing == {}
 
 
 def test_channels_that_are_not_selected_matter_nothing(newest):
     newest.select({'pair[1]', 'a'}, ['a', 'pair[1]'])
     take(newest, a=1.0, pair=[nan, 3.0])
     assert state(newest) == [1, 3]
-    assert newest.gone == {}
+    assert newest.missing == {}
 
 
 def test_a_full_layout_has_nan_for_what_is_not_selected(newest):
     newest.select({'pair[1]'}, NAMES)
     take(newest, a=1.0, pair=[2.0, 3.0])
     assert state(newest) == pytest.approx([nan, nan, 3, nan, nan, nan], nan_ok=True)
-    assert newest.gone == {}
+    assert newest.missing == {}
 
 
 def test_what_is_gone_is_nan_with_its_cause_and_comes_back(newest):
     take(newest, a=1.0, pair=[2.0, 3.0], mode=0)
     state(newest)
     assert state(newest, 0.9) == pytest.approx([1, 2, 3, nan, 1, 0], nan_ok=True)
-    assert newest.gone == {}  # The map has not spoken yet, for which it has a second.
+    assert newest.missing == {}  # The map has not spoken yet, for which it has a second.
     assert state(newest, 1.1) == pytest.approx([nan, 2, 3, nan, nan, nan], nan_ok=True)
     silent = 'silent for more than its max_age, 1 s'
-    assert newest.gone == {'a': silent, 'map': 'no message yet', 'mode': silent}
+    assert newest.missing == {'a': silent, 'map': 'no message yet', 'mode': silent}
     take(newest, 2.5, a=4.0, map=5.0, mode=7)
     assert state(newest, 2.5) == pytest.approx([4, nan, nan, 5, nan, nan], nan_ok=True)
-    assert newest.gone == {'pair': 'silent for more than its max_age, 2 s', 'mode': 'it is nan'}
+    assert newest.missing == {'pair': 'silent for more than its max_age, 2 s', 'mode': 'it is nan'}
     take(newest, 2.5, a=inf, pair=[1.0, 2.0])
     assert state(newest, 2.5)[:3] == pytest.approx([nan, 1, 2], nan_ok=True)
-    assert newest.gone['a'] == 'it is inf'
+    assert newest.missing['a'] == 'it is inf'
 
 
 def test_a_message_without_the_field_changes_nothing(newest):
@@ -118,6 +118,6 @@ reward: "0"
     newest.select({'shake.max', 'hits'}, ['shake.max', 'hits'])
     take(newest, 0.6, shake=nan)
     assert state(newest, 0.6) == pytest.approx([nan, 0], nan_ok=True)
-    assert newest.gone == {'shake': 'no finite value'}
+    assert newest.missing == {'shake': 'it is NaN'}
     assert state(newest, 5.0) == pytest.approx([nan, 0], nan_ok=True)
-    assert newest.gone == {'shake': 'silent for more than its max_age, 1 s'}
+    assert newest.missing == {'shake': 'silent for more than its max_age, 1 s'}

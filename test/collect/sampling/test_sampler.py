@@ -260,7 +260,7 @@ def test_a_kind_that_is_not_listed_is_a_gap_and_told():
     steps += sampler.flush()
     assert [list(step.state) for step in steps] == [[1, 0], [0, 1], [0, 1]]
     assert sampler.missing.in_words(sampler.missing.counts) == {
-        'k: it is of a kind that its one_hot does not list': 1
+        'k: its category is not listed in one_hot': 1
     }
     assert sampler.wrong == {'/k': 1}
     assert sampler.last_wrong['/k'] == "/k.data is '7'; expected one of 0, 2 (one_hot)"
