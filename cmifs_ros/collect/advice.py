@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""What follows from a selection: which topics or sensors to keep, and which can go."""
+"""Advice from a selection: which topics or sensors to keep, and which can go."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ from .selection_report import LINE_WIDTH, interval, share
 from .sensor_topics import rate_fields
 from .traffic import Rate, rate_in_words
 
-#: Chance that a sensor that adds as much as the margin is called dispensable, and that anything is
-#: confirmed where nothing matters; the number of episodes is estimated for these.
+#: Error rate for which the number of further episodes is estimated: of calling a sensor that adds
+#: the margin dispensable, and of confirming an uninformative one.
 _ALPHA = 0.05
-#: How many times too great an error may be; by more, the number of episodes is no guess.
+#: Largest excess of the standard error for which the number of episodes can be estimated.
 _MAX_EXCESS = 100
 _SCOPES = {
-    RETURN: 'This is about the return under the controller that was recorded. A controller that '
-    'is to be learned or changed may need other sensors: target decision.',
-    DECISION: 'This is about what a controller needs that is to be learned or changed, for the '
+    RETURN: 'This is about the return under the recorded controller. A controller that is to be '
+    'learned or changed may need other sensors: target decision.',
+    DECISION: 'This is about what a controller that is to be learned or changed needs, for the '
     'reward of this task.',
     ACTION: 'This is about what the recorded controller looks at.',
 }
@@ -43,10 +43,10 @@ class Item:
     ----------
     name : str
     notes : tuple of str
-        What its sensors add, and what is to be known before it is switched off.
+        What its sensors add, and conditions for switching it off.
     rate : Rate or None
     more_episodes : int or None
-        Of what is undecided: how many more would decide, about. None: the data do not tell.
+        If undecided: roughly how many more would decide. None: unknown.
 
     """
 
@@ -58,9 +58,9 @@ class Item:
 
 @dataclass(frozen=True)
 class Advice:
-    """What to keep, what can go, and what is undecided; all empty where nothing was tested.
+    """What to keep, what can go, and what is undecided; all empty if nothing was tested.
 
-    `scope` says in a sentence what the advice is about.
+    `scope` is a sentence: which question the advice answers.
     """
 
     scope: str = ''
@@ -75,20 +75,20 @@ def advice_of(
     rates: Mapping[str, Rate] | None = None,
     needed: Collection[str] = (),
 ) -> Advice:
-    """Return what follows from a selection.
+    """Return advice from a selection.
 
-    Kept is what is selected or confirmed, for what is dispensable is so beside the selected
-    sensors, and what is needed in any case. A topic can go when all its channels can.
+    Selected and confirmed sensors are kept, because dispensable ones are so only given these, and
+    so is what is needed in any case. A topic can go if all its channels can.
 
     Parameters
     ----------
     selection : Selection
     topics : mapping of str to str, optional
-        The topic of each channel. Without it the advice is of sensors.
+        The topic of each channel. Without it the advice is about sensors.
     rates : mapping of str to Rate, optional
         By topic, or by sensor without `topics`.
     needed : collection of str
-        Topics that actions, steps, reward or ends of episodes need, whatever channels they have.
+        Topics needed for actions, steps, the reward or the ends of episodes.
 
     """
     if not any(sensor.status for sensor in selection.sensors):
@@ -123,7 +123,7 @@ def advice_of(
 
 
 def _added(name: str, sensors: Sequence[SensorResult], said) -> tuple[str, ...]:
-    """Return what sensors add, each by its name unless it is the item itself."""
+    """Return what sensors add, each with its name unless it is the item itself."""
     if [sensor.name for sensor in sensors] == [name]:
         return (said(sensors[0].effect),) if sensors[0].effect is not None else ()
     names = [
@@ -145,7 +145,7 @@ def _range(effect: Effect) -> str:
 
 
 def _conditions(sensors: Sequence[SensorResult]) -> tuple[str, ...]:
-    """Return what is to be known before sensors are switched off."""
+    """Return the conditions for switching sensors off."""
     found = []
     redundant = dict.fromkeys(name for sensor in sensors for name in sensor.redundant_with)
     if redundant:
@@ -160,11 +160,11 @@ def _most(counts: Sequence[int | None]) -> int | None:
 
 
 def _more_episodes(sensor: SensorResult | None, selection: Selection) -> int | None:
-    """Return how many more episodes would tell what a sensor adds from 0, or from the margin.
+    """Return how many more episodes would separate the effect of a sensor from 0 or the margin.
 
-    Its estimate stays, and its error falls with the root of the number of episodes. None where
-    the error is small enough already, so that something else keeps it undecided, or where it would
-    take very many.
+    This assumes that the estimate stays and its error falls with the root of the number of
+    episodes. None if the error is small enough already, so that something else keeps the sensor
+    undecided, or if very many would be needed.
     """
     if sensor is None:
         return None
@@ -182,13 +182,13 @@ def _more_episodes(sensor: SensorResult | None, selection: Selection) -> int | N
 
 
 def _rounded_up(number: float) -> int:
-    """Return a number with a single digit that is not 0, but at least 10: it is a guess."""
+    """Round up to one significant digit, at least 10, because it is a rough estimate."""
     unit = 10 ** max(1, int(math.log10(max(number, 1.0))))
     return int(math.ceil(number / unit) * unit)
 
 
 def advice_fields(advice: Advice) -> dict[str, Any]:
-    """Return advice as JSON says it; docs/interface.md lists the fields."""
+    """Return advice as a dict for JSON; docs/interface.md lists the fields."""
     items = [*advice.keep, *advice.can_go, *advice.undecided]
     return {
         'keep': [item.name for item in advice.keep],
@@ -201,7 +201,7 @@ def advice_fields(advice: Advice) -> dict[str, Any]:
 
 
 def advice_lines(advice: Advice, most: int = 12) -> list[str]:
-    """Return advice as lines of text: three headings, and below each so many items at most."""
+    """Return advice as lines of text: three headings, each with at most `most` items."""
     lines = textwrap.wrap(advice.scope, LINE_WIDTH)
     for heading, items in headed(advice):
         lines.append(f'{heading}:' if items else f'{heading}: nothing')
@@ -212,7 +212,7 @@ def advice_lines(advice: Advice, most: int = 12) -> list[str]:
 
 
 def headed(advice: Advice) -> list[tuple[str, Sequence[Item]]]:
-    """Return the three lists with their headings; none where there is no advice."""
+    """Return the three lists with their headings; nothing if there is no advice."""
     if advice == Advice():
         return []
     can_go = 'these can go'
@@ -227,7 +227,7 @@ def headed(advice: Advice) -> list[tuple[str, Sequence[Item]]]:
 
 
 def text_of(item: Item) -> str:
-    """Return an item of the advice in words."""
+    """Return an item of the advice as text."""
     parts = [*item.notes]
     parts += [rate_in_words(item.rate)] if item.rate is not None else []
     if item.more_episodes is not None:

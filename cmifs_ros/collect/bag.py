@@ -38,19 +38,19 @@ def episodes_of_bag(
 ) -> RecordedEpisodes:
     """Return a bag's whole episodes, and how much was dropped.
 
-    Messages are read one after the other; only the episodes stay in memory. A message without a
-    header's stamp is at the time at which it was recorded, by /clock if that was recorded too, as
-    it is for a node with use_sim_time.
+    Messages are read one by one; only the episodes stay in memory. A message without a header stamp
+    gets the time at which it was recorded, or the time of /clock if that was recorded, as in a node
+    with use_sim_time.
 
     Parameters
     ----------
     path : path
         A file or a folder.
     robot : RobotFile, optional
-        Without one, the bag holds the topics `state`, `reward` and, if there is one, `action`, in
-        one namespace or none.
+        Without one, the bag must hold the topics `state`, `reward` and possibly `action`, all in
+        one namespace or in none.
     watch : callable, optional
-        Is given the messages and their number and passes them on, for a display of progress.
+        Wraps the iterable of messages, given their number, to display progress.
 
     Raises
     ------
@@ -139,7 +139,7 @@ class _StatesAndRewards(Collector):
         self._assembler.drop_message(cause, f'{topic}: {what}')
 
     def set_clock(self, now: int) -> None:
-        """Do nothing: an older pair tells that time was set back."""
+        """Do nothing: here an older pair shows that time was set back."""
 
     def finish(self) -> dict[str, int]:
         self.episodes += self._assembler.actions.stop_waiting()

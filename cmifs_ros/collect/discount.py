@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""How far ahead the return looks: a discount factor for each step, or a half-life in seconds."""
+"""The discount of the return: a factor per step, or a half-life in seconds."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Discount:
-    """A discount factor, or a half-life; one of them.
+    """Either a discount factor or a half-life.
 
     Attributes
     ----------
     gamma : float or None
-        Of each step, above 0 and at most 1.
+        Factor per step, 0 < gamma <= 1.
     half_life : float or None
         Seconds after which a reward counts half.
 
@@ -25,7 +25,7 @@ class Discount:
     half_life: float | None = None
 
     def per_step(self, step_seconds: float) -> float:
-        """Return the discount factor of one step.
+        """Return the discount factor per step.
 
         >>> Discount(half_life=2.0).per_step(1.0) ** 2
         0.5000000000000001
@@ -33,40 +33,40 @@ class Discount:
         Parameters
         ----------
         step_seconds : float
-            How long a step lasts; of no meaning to a gamma.
+            Duration of a step; only a half-life needs it.
 
         Raises
         ------
         ValueError
-            If that is not known, or a reward counts nothing after a step.
+            If the duration is unknown, or a reward would count nothing after one step.
 
         """
         if self.gamma is not None:
             return self.gamma
         if not step_seconds > 0:
             raise ValueError(
-                f'a half-life of {self.half_life:g} s needs the time between steps, of which there '
-                'are no two in an episode; expected more steps, or gamma'
+                f'a half-life of {self.half_life:g} s needs the time between steps, but no episode '
+                'has two steps; expected longer episodes, or gamma'
             )
         gamma = 0.5 ** (step_seconds / self.half_life)
         if gamma < 1e-6:
             raise ValueError(
-                f'a half-life of {self.half_life:g} s leaves nothing of a reward after a step of '
+                f'a half-life of {self.half_life:g} s discounts a reward to 0 within a step of '
                 f'{step_seconds:.3g} s; expected a longer one, or gamma'
             )
         return gamma
 
 
 def in_words(gamma: float, step_seconds: float) -> str:
-    """Return what a discount factor means: after how many steps and seconds half is left.
+    """Explain a discount factor: after how many steps and seconds a reward counts half.
 
     >>> in_words(0.95, 0.1)
-    'gamma 0.95 a step of 0.1 s: half of a reward counts after 13.5 steps, 1.35 s'
+    'gamma 0.95 per step of 0.1 s: a reward counts half after 13.5 steps, 1.35 s'
 
     """
     length = f' of {step_seconds:.3g} s' if math.isfinite(step_seconds) else ''
     if gamma == 1:
-        return f'gamma 1 a step{length}: rewards count in full, however late'
+        return f'gamma 1 per step{length}: late rewards count in full'
     steps = math.log(0.5) / math.log(gamma)
     after = f'{steps:.3g} steps' + (f', {steps * step_seconds:.3g} s' if length else '')
-    return f'gamma {gamma:.4g} a step{length}: half of a reward counts after {after}'
+    return f'gamma {gamma:.4g} per step{length}: a reward counts half after {after}'

@@ -16,11 +16,10 @@ from cmifs_ros.collect.recorded_episodes import RecordedEpisodes, RecordingError
 from cmifs_ros.core import Episode
 from cmifs_ros.core.words import counted
 
-#: Of the steps of two bags at the same times, the share with the same values by which they are
-#: recordings of the same run. Two recorders receive messages without a stamp in different order, so
-#: not all have.
+#: Two bags recorded the same run if at least this share of their simultaneous steps has the same
+#: values. Not all have: two recorders may receive messages without a stamp in different order.
 _SAME = 0.5
-#: Share of the steps of a bag at the times of another's by which they overlap.
+#: Two bags overlap if at least this share of the steps of one is simultaneous with the other's.
 _OVERLAP = 0.05
 
 
@@ -34,11 +33,11 @@ class Pool:
     episodes : list of Episode
         In the order of time of the recordings, each with its source.
     step_seconds : float
-        The median time from one step to the next; NaN if no episode has two.
+        Median time between steps; NaN if no episode has two.
     notes : list of str
-        What was left out, and what is doubtful.
+        What was left out, and what looks wrong.
     action_names : tuple of str
-        Of the values of the actions; empty if some episodes have none.
+        Names of the values of an action; empty if some episodes have no actions.
 
     """
 
@@ -50,7 +49,7 @@ class Pool:
 
 
 def source_of(path: str | Path, by: str) -> str:
-    """Return which robot or recording a bag is of.
+    """Return the name of the source, a robot or a recording, that a bag belongs to.
 
     Parameters
     ----------
@@ -75,7 +74,7 @@ def pooled(recordings: Sequence[tuple[str, RecordedEpisodes]], by: str = 'none')
     recordings : sequence of (str, RecordedEpisodes)
         With their paths. Those without times come last, as they are given.
     by : str
-        What tells the sources apart, see `source_of`.
+        What distinguishes the sources, see `source_of`.
 
     Raises
     ------
@@ -102,7 +101,7 @@ def pooled(recordings: Sequence[tuple[str, RecordedEpisodes]], by: str = 'none')
         if not all(is_kept):
             pool.notes.append(
                 f'{path}: {is_kept.count(False)} of {counted(len(is_kept), "episode")} left out, '
-                'as they were recorded twice'
+                'because they were recorded twice'
             )
         if any(is_kept):
             kept.append(_Recorded(path, recorded.source, one, is_kept))
@@ -161,7 +160,7 @@ class _Recorded:
         ----------
         other : _Recorded
         step : float
-            How far apart two steps are, in nanoseconds.
+            Time between two steps, in nanoseconds.
 
         Returns
         -------

@@ -2,7 +2,7 @@
 
 """A selection as JSON: on its topic, in the service's reply, in files.
 
-What a file or a message says may be anything, so nothing of it is believed.
+The contents of a file or message are not trusted: every field is validated.
 """
 
 from __future__ import annotations
@@ -19,16 +19,16 @@ from cmifs_ros.core.targets import TARGETS
 from .advice import advice_fields, advice_of
 from .sensor_topics import SensorTopics
 
-#: Of the fields; it changes where an old reader would misread them.
+#: Version of the fields; it changes when an old reader would misread them.
 VERSION = 2
-#: Of `why` and of each warning, in characters; and of the warnings.
+#: Longest `why` or warning, in characters; most warnings.
 _MAX_TEXT, _MAX_WARNINGS = 1000, 100
 
 
 def fields_of(selection: Selection, topics: SensorTopics | None = None) -> dict[str, Any]:
-    """Return what JSON says of a selection; docs/interface.md lists it.
+    """Return a selection as a dict for JSON; docs/interface.md lists the fields.
 
-    The means and spreads of the data are not in it. The advice is of topics where these are known.
+    The means and spreads of the data are left out. The advice is about topics if these are known.
     """
     return {
         'version': VERSION,
@@ -61,12 +61,12 @@ def _sensor_fields(sensor: SensorResult) -> dict[str, Any]:
 
 
 def selection_of(fields: dict[str, Any]) -> Selection:
-    """Return the selection that JSON says; its `means` and `spreads` may be missing.
+    """Return the selection in a dict from JSON; `means` and `spreads` may be missing.
 
     Raises
     ------
     ValueError, TypeError, KeyError
-        If a field is missing or cannot be one.
+        If a field is missing or invalid.
 
     """
     if fields['version'] != VERSION:
@@ -132,7 +132,7 @@ def _sensor_of(fields: dict[str, Any]) -> SensorResult:
 
 def _flag(value) -> bool:
     if not isinstance(value, bool):
-        raise TypeError(f'{value!r} in place of true or false')
+        raise TypeError(f'{value!r} instead of true or false')
     return value
 
 
@@ -147,7 +147,7 @@ def _one_of(expected: tuple[str, ...], value, what: str) -> str:
 
 
 def _effect_of(fields: dict[str, Any]) -> Effect:
-    """Return an effect by its share and error, which its interval follows from."""
+    """Return an effect from its share and error, which determine the interval."""
     effect = Effect(float(fields['share']), float(fields['error']))
     if not effect.error >= 0:
         raise ValueError(f'an effect with the error {effect.error}; expected at least 0')
@@ -156,7 +156,7 @@ def _effect_of(fields: dict[str, Any]) -> Effect:
 
 def _text(value) -> str:
     if not isinstance(value, str) or len(value) > _MAX_TEXT:
-        raise ValueError(f'{value!r:.40} in place of a text of at most {_MAX_TEXT} characters')
+        raise ValueError(f'{value!r:.40} instead of a text of at most {_MAX_TEXT} characters')
     return value
 
 
@@ -166,24 +166,24 @@ def _three(value) -> tuple[float, float, float]:
 
 
 def list_of(value) -> list:
-    """Return a value that has to be a list; else raise TypeError."""
+    """Return a value that must be a list; otherwise raise TypeError."""
     if not isinstance(value, list):
-        raise TypeError(f'{type(value).__name__} in place of a list')
+        raise TypeError(f'{type(value).__name__} instead of a list')
     return value
 
 
 def count_of(value, least: int = 0) -> int:
-    """Return a value that has to be an integer of at least `least`; else raise ValueError."""
+    """Return a value that must be an integer of at least `least`; otherwise raise ValueError."""
     if type(value) is not int or value < least:
-        raise ValueError(f'{value!r} in place of an integer of at least {least}')
+        raise ValueError(f'{value!r} instead of an integer of at least {least}')
     return value
 
 
 def names_of(value, most: int) -> tuple[str, ...]:
-    """Return a value that has to be a list of different names; else raise ValueError."""
+    """Return a value that must be a list of distinct names; otherwise raise ValueError."""
     names = tuple(list_of(value))
     if not all(isinstance(name, str) and 0 < len(name) <= MAX_NAME_LENGTH for name in names):
-        raise ValueError(f'a name that is no text of 1 to {MAX_NAME_LENGTH} characters')
+        raise ValueError(f'a name that is not a text of 1 to {MAX_NAME_LENGTH} characters')
     if len(names) > most or len(set(names)) < len(names):
-        raise ValueError(f'{len(names)} names; expected at most {most}, all different')
+        raise ValueError(f'{len(names)} names; expected at most {most}, all distinct')
     return names

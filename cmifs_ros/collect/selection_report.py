@@ -13,20 +13,20 @@ from cmifs_ros.core.statuses import CONFIRMED, DISPENSABLE, UNDECIDED
 from cmifs_ros.core.targets import ACTION, DECISION, RETURN, REWARD
 from cmifs_ros.core.words import counted, first, listed, short
 
-#: What is predicted, by target. A decision begins at the reward.
+#: What is predicted, by target; for a decision, the reward first of all.
 PREDICTED = {RETURN: 'return', DECISION: 'reward', ACTION: 'action'}
-#: Of text that is printed.
+#: Line width of printed text.
 LINE_WIDTH = 80
 _PREDICTS = 'predicts '
 
 
 def is_undecided(selection: Selection) -> bool:
-    """Tell whether nothing is confirmed so far, though something may be yet."""
+    """Return whether nothing is confirmed yet, but more episodes may confirm something."""
     return not selection.indices and any(s.status == UNDECIDED for s in selection.sensors)
 
 
 def nothing_selected(selection: Selection) -> str:
-    """Return what an empty selection says."""
+    """Return the meaning of an empty selection."""
     return f'no evidence that any sensor is informative about the {PREDICTED[selection.target]}'
 
 
@@ -50,15 +50,15 @@ def headline(selection: Selection) -> str:
 
 
 def change(selection: Selection) -> str:
-    """Return that the task has changed, of a selection that left out what is outdated."""
+    """Return the message that the task has changed and how many episodes are outdated."""
     return (
         f'the task has changed: the oldest {counted(selection.outdated, "episode")} no longer fit '
-        f'the newest {selection.episodes}, and are forgotten'
+        f'the newest {selection.episodes} and are forgotten'
     )
 
 
 def evidence(selection: Selection) -> str:
-    """Return what the result rests on: effects and p-values, or scores; and what can go."""
+    """Return the evidence for a selection: effects and p-values, or scores; and what can go."""
     shown, dispensable = [], []
     for sensor in selection.sensors:
         name = short(sensor.name)
@@ -92,10 +92,10 @@ def interval(effect: Effect) -> str:
 
 
 def prediction(selection: Selection) -> str:
-    """Return how much the selected sensors predict beside all; empty if that is not known."""
+    """Return how much the selected sensors predict, and all sensors; empty if unknown."""
     if selection.predicted_share is None or selection.predicted_share_of_all is None:
         return ''
-    # A prediction that is worse than the mean is none.
+    # A prediction worse than the mean counts as 0.
     of_selected = max(selection.predicted_share, 0.0)
     of_all = max(selection.predicted_share_of_all, 0.0)
     variance = f'of the variance of the {PREDICTED[selection.target]} in episodes left out'
@@ -110,11 +110,10 @@ def prediction(selection: Selection) -> str:
 
 
 def reason(selection: Selection, sensor: SensorResult) -> str:
-    """Return what a sensor is needed for, as 'predicts y -> x -> reward'; empty if nothing is said.
+    """Return what a sensor is needed for, such as 'predicts y -> x -> reward'; may be empty.
 
-    It is said of those that are selected or confirmed, where the target has several variables. A
-    chain that does not lead to the reward, since two sensors predict each other, ends at its
-    first link.
+    It applies to selected or confirmed sensors, if the target has several variables. A chain that
+    does not reach the reward, because two sensors predict each other, ends at its first link.
     """
     if selection.target == RETURN or not (sensor.is_selected or sensor.status == CONFIRMED):
         return ''
@@ -132,7 +131,7 @@ def reason(selection: Selection, sensor: SensorResult) -> str:
 
 
 def predicted_by(selection: Selection, sensor: SensorResult) -> str | None:
-    """Return the sensor whose next value a sensor of a decision predicts; None: the reward."""
+    """Return the sensor whose next value a sensor predicts; None if it is the reward."""
     if sensor.why == REWARD:
         return None
     channel = sensor.why.removeprefix(_PREDICTS)
@@ -140,7 +139,7 @@ def predicted_by(selection: Selection, sensor: SensorResult) -> str | None:
 
 
 def redundancies(selection: Selection) -> str:
-    """Return which sensors are redundant, as 'copy with x'; empty if none."""
+    """Return the redundant sensors, such as 'copy with x'; empty if there are none."""
     redundant = [sensor for sensor in selection.sensors if sensor.redundant_with]
     return first(
         [f'{short(s.name)} with {" and ".join(map(short, s.redundant_with))}' for s in redundant]
@@ -148,12 +147,12 @@ def redundancies(selection: Selection) -> str:
 
 
 def kinds_of_warnings(warnings: Iterable[str]) -> dict[str, str]:
-    """Return warnings by their kind: the text without its numbers, which change all the time."""
+    """Return warnings by kind: their text without the numbers, which keep changing."""
     return {re.sub(r'\S*\d\S*', '#', warning): warning for warning in warnings}
 
 
 def is_news(selection: Selection, previous: Selection | None) -> bool:
-    """Tell whether a selection says something else than the one before."""
+    """Return whether a selection differs from the previous one."""
     if previous is None:
         return True
     return (set(selection.names), is_undecided(selection)) != (

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""Which channels are one sensor, by their names alone, so that nobody has to type it again."""
+"""Which channels form one sensor, from their names alone."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ _MEMBER = re.compile(r'(?s)(.+)(?:\[\d+\]|\.[^.\[\]]+)')
 def groups_by_name(channel_names: Sequence[str]) -> dict[str, tuple[str, ...]]:
     """Return the sensors of several channels: `stem[0]`, `stem[1]` or `stem.a`, `stem.b`.
 
-    The stem is what stands before the last index or part. One that only one channel has makes no
-    group, nor does one that is a channel's own name.
+    The stem is the name without its last index or part. A stem of a single channel makes no group,
+    and neither does one that is itself the name of a channel.
 
     >>> groups_by_name(['x', 'scan[0]', 'scan[30]', 'yaw.sin', 'yaw.cos', 'imu.z'])
     {'scan': ('scan[0]', 'scan[30]'), 'yaw': ('yaw.sin', 'yaw.cos')}

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""What topics carry: what is saved where one is switched off."""
+"""The traffic of topics: what switching one off would save."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 
 class Rate(NamedTuple):
-    """What comes on a topic in a second."""
+    """Messages and bytes per second."""
 
     messages: float
     bytes: float
@@ -19,7 +19,7 @@ class Rate(NamedTuple):
 
 @dataclass(frozen=True)
 class Traffic:
-    """How many messages and bytes came in some time, by topic."""
+    """Numbers of messages and bytes by topic, and the duration they were counted in."""
 
     seconds: float = 0.0
     messages: Mapping[str, int] = field(default_factory=dict)
@@ -27,7 +27,7 @@ class Traffic:
 
 
 def rates_of(recordings: Sequence[Traffic]) -> dict[str, Rate]:
-    """Return the mean rate of each topic in recordings; nothing if they took no time."""
+    """Return the mean rate of each topic over recordings; empty if their duration is 0."""
     seconds = sum(traffic.seconds for traffic in recordings)
     messages, sizes = Counter[str](), Counter[str]()
     for traffic in recordings:

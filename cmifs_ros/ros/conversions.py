@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""Messages to plain values and back. No state, no node."""
+"""Conversion between messages and plain values."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ def message_type(name: str) -> type:
     Raises
     ------
     ValueError, ImportError, AttributeError
-        If it is no such name or not installed.
+        If the name is malformed or the type is not installed.
 
     """
     package, kind, cls = name.split('/')
     if kind != 'msg':
-        raise ValueError(f'{name!r} is no message type; expected e.g. std_msgs/msg/Float32')
+        raise ValueError(f'{name!r} is not a message type such as std_msgs/msg/Float32')
     return getattr(importlib.import_module(f'{package}.msg'), cls)
 
 
@@ -49,12 +49,12 @@ def stamp_from_nanoseconds(nanoseconds: int) -> Time:
 
 
 def named_values(msg: JointState) -> tuple[list[str], array]:
-    """Return the names and the positions of a message itself, no copies: lengths may differ.
+    """Return the names and the positions of a message, not copied; their lengths may differ.
 
     Raises
     ------
     ValueError
-        If there are more of either than a state may have channels.
+        If either has more entries than a state may have channels.
 
     """
     names, values = msg.name, msg.position
@@ -65,12 +65,12 @@ def named_values(msg: JointState) -> tuple[list[str], array]:
 
 
 class FieldReader:
-    """Read the values of some fields of joint states, with channel names as `wheel.velocity`.
+    """Read chosen fields of joint states; channels are called `wheel.velocity`.
 
     Parameters
     ----------
     fields : sequence of str
-        Of 'position', whose channels have the names themselves, 'velocity' and 'effort'.
+        'position', whose channels are called by the names alone, 'velocity', 'effort'.
 
     """
 
@@ -80,12 +80,12 @@ class FieldReader:
         self._channels: list[str] = []
 
     def channels_of(self, msg: JointState) -> tuple[list[str], array]:
-        """Return the names and values of a message's channels; without a velocity, no copies.
+        """Return the names and values of a message's channels; not copied for positions alone.
 
         Raises
         ------
         ValueError
-            If there are more than a state may have, or a field has another length than the names.
+            If there are too many channels, or a field and the names differ in length.
 
         """
         if self._fields == ('position',):
@@ -122,7 +122,7 @@ def named_values_to_msg(header: Header, names: Iterable[str], values: Iterable[f
 
 
 def reward_sample_to_msg(header: Header, sample: RewardSample, action: int | None) -> JointState:
-    """Return a `reward` message with all its fields; an action that is no number is left out."""
+    """Return a `reward` message with all its fields; an action that is not a number is left out."""
     fields = {
         'reward': sample.reward,
         **({} if action is None else {'action': action}),
@@ -144,7 +144,7 @@ def indices_to_msg(indices: Sequence[int]) -> Int32MultiArray:
 def grid_to_msg(header: Header, walls: np.ndarray, gravel: np.ndarray) -> OccupancyGrid:
     """Return the world as a map: walls 100, gravel 50, free 0.
 
-    The centre of the cell in column c and row r, both from 1, stands at x = c, y = r metres.
+    The cell in column c and row r, counted from 1, has its centre at x = c, y = r in metres.
 
     Parameters
     ----------

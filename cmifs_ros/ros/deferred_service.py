@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""Services whose reply takes its time, and which many clients call at once."""
+"""Services that reply later, to many clients at once."""
 
 from __future__ import annotations
 
@@ -13,25 +13,25 @@ from rclpy.clock_type import ClockType
 from rclpy.node import Node
 from rclpy.service import Service
 
-#: Every client of a service receives the replies to all of them, and keeps the newest 10 that it
-#: has not looked at yet. Replies that came faster would push out that to a client which the system
-#: lets wait: at this pace it may take half a second.
+#: Seconds between replies. Each client of a service receives the replies to all clients and queues
+#: the newest 10. Faster replies would push out the one meant for a client that is slow to read: at
+#: this pace it may take half a second.
 _AT_ONCE, _PERIOD = 2, 0.1
-#: Replies that may wait for their turn; further ones are sent at once.
+#: Replies that may be queued; further ones are sent at once.
 _MAX_WAITING = 1000
 
 
 class DeferredReplies:
-    """Let the callback of a service return a future response, and send no reply too soon.
+    """Let a service callback return a future of its response; space out the replies.
 
     An `async` callback could wait for the response too, but the `EventsExecutor` of rclpy before
-    7.1.11 cannot run one, and `SingleThreadedExecutor` resumes each that waits at every message.
+    7.1.11 cannot run one, and `SingleThreadedExecutor` resumes all waiting ones at every message.
 
     Parameters
     ----------
     node : rclpy.node.Node
     service : rclpy.service.Service
-        One of the node's, whose callback returns futures.
+        A service of the node whose callback returns futures.
 
     """
 
@@ -40,11 +40,11 @@ class DeferredReplies:
         service.send_response = self._send
         self._waiting: deque[Callable[[], None]] = deque()
         self._allowed = _AT_ONCE
-        # Steady time: a simulated clock that stands still must not stop it.
+        # Steady time: a paused simulation must not stop it.
         node.create_timer(_PERIOD, self._go_on, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def flush(self) -> bool:
-        """Send all that waits, as the node ends; return whether anything did."""
+        """Send all queued replies because the node ends; return whether there were any."""
         has_waited = bool(self._waiting)
         while self._waiting:
             self._waiting.popleft()()

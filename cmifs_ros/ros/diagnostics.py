@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""What the selector says of itself on /diagnostics, after REP 107."""
+"""Messages for /diagnostics, after REP 107."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def status(name: str, level: bytes, message: str, values: Mapping) -> Diagnostic
 
 
 def diagnostic_array(stamp: Time, *statuses: DiagnosticStatus) -> DiagnosticArray:
-    """Return the statuses of one moment."""
+    """Return a message of several statuses."""
     msg = DiagnosticArray(status=list(statuses))
     msg.header.stamp = stamp
     return msg

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""A subscription that receives from every publisher of its topic, whatever QoS these offer."""
+"""A subscription that adapts its QoS, so that it receives from every publisher of its topic."""
 
 from __future__ import annotations
 
@@ -13,27 +13,27 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 
-#: Seconds between looks at the publishers.
+#: Seconds between checks of the publishers.
 _LOOK_PERIOD = 0.5
 
 
 class FollowingSubscription:
-    """Subscribe to a topic of any type with the strongest QoS that all its publishers offer.
+    """Subscribe to a topic with the strongest QoS that all its publishers offer.
 
-    It is reliable only if all of them are, and transient local only if all are; without a publisher
-    it stays as it was, at first reliable and volatile. It is made anew when another QoS is
-    called for: what is on its way at that moment may be lost, or of latched messages come twice.
+    It is reliable only if all of them are, and transient local only if all are. Without a publisher
+    it does not change; at first it is reliable and volatile. To change its QoS it is recreated:
+    messages in transit at that moment may be lost, and latched ones may arrive twice.
 
     Parameters
     ----------
     node : rclpy.node.Node
-        Owns the subscription; the looks at the publishers are a timer of it.
+        Owns the subscription and the timer that checks the publishers.
     message_type : type
     topic : str
     callback : callable
         Called with each message.
     depth : int
-        Messages that may wait for the callback.
+        Messages that may be queued for the callback.
     on_lost : callable, optional
         Called with the number of messages that the middleware reports as lost.
 
@@ -42,9 +42,9 @@ class FollowingSubscription:
     topic_name : str
         The topic with its namespace, as remapped.
     publishers : list of str
-        The nodes that publish it, one for each publisher, sorted.
+        The publishing nodes, sorted, one entry for each publisher.
     clashes : dict of str to list of str
-        By another message type than the subscription's, the nodes that publish the topic with it.
+        By message type, if it differs from the subscription's, the nodes that publish this type.
 
     """
 
@@ -67,7 +67,7 @@ class FollowingSubscription:
         self._subscription: Subscription | None = None
         self.topic_name = node.resolve_topic_name(topic)
         self._follow()
-        # Steady time: a simulated clock that stands still must not stop it.
+        # Steady time: a paused simulation must not stop it.
         clock = Clock(clock_type=ClockType.STEADY_TIME)
         self._timer = node.create_timer(_LOOK_PERIOD, self._follow, clock=clock)
 
@@ -81,7 +81,7 @@ class FollowingSubscription:
             self._node.destroy_subscription(self._subscription)
         events = SubscriptionEventCallbacks(
             message_lost=self._on_message_lost,
-            use_default_callbacks=False,  # They would log what `_follow` mends.
+            use_default_callbacks=False,  # They would log what `_follow` resolves.
         )
         self._subscription = self._node.create_subscription(
             self._message_type, self._topic, self._callback, self._qos, event_callbacks=events

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""What the running graph publishes: the types of its topics, what they say, and how often."""
+"""What the running graph publishes: the types, values and rates of its topics."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def fields_of(kind: str) -> list[TypeField]:
 
 
 def _what(slot) -> str:
-    """Return what a field is, see `TypeField`."""
+    """Return a field as a `TypeField`."""
     if isinstance(slot, NamespacedType):
         return '/'.join(slot.namespaced_name())
     if isinstance(slot, BasicType):
@@ -50,7 +50,7 @@ def _what(slot) -> str:
 
 
 def survey(seconds: float) -> tuple[list[ObservedTopic], list[str]]:
-    """Listen to all topics for a while; return what was heard, and what could not be.
+    """Listen to all topics for a while.
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ def survey(seconds: float) -> tuple[list[ObservedTopic], list[str]]:
     -------
     heard : list of ObservedTopic
     unknown : list of str
-        In words, the topics whose types are not installed.
+        Messages that name the topics whose types are not installed.
 
     """
     context = rclpy.Context()
@@ -87,7 +87,7 @@ class _Listener:
         self.unknown: dict[str, str] = {}
 
     def look(self) -> None:
-        """Subscribe to the topics that have come since the last look."""
+        """Subscribe to the topics that are new since the last call."""
         for topic, kinds in self._node.get_topic_names_and_types():
             if topic in self._heard or topic in self.unknown:
                 continue

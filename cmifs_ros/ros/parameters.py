@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""Parameters of the nodes: declared from one table, refused with a reason."""
+"""Node parameters: declared from one table, validated, refused with a reason."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from rcl_interfaces.msg import (
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-#: Parameters that rclpy declares by itself, or reads without declaring them.
+#: Parameters that rclpy declares itself, or reads without declaring them.
 _OF_ROS = ('use_sim_time', 'start_type_description_service', 'qos_overrides')
 
 
@@ -36,7 +36,7 @@ class Spec:
     choices : sequence of str, optional
         Allowed values.
     read_only : bool
-        It can be set at the start only.
+        It can be set only at startup.
 
     """
 
@@ -69,22 +69,22 @@ def declare(
 ) -> dict[str, Any]:
     """Declare parameters; validate before each change and apply after it.
 
-    A whole number is taken for a float. A value that was given at the start, also in a file, for a
-    parameter that does not exist is warned of, with the nearest name.
+    A whole number is accepted for a float. A value given at startup for a parameter that does not
+    exist causes a warning that names the nearest parameter.
 
     Parameters
     ----------
     node : Node
     specs : sequence of Spec
     check : callable
-        Given all values, by name, raises ValueError if they cannot be used together.
+        Takes all values by name; raises ValueError if they are invalid together.
     apply : callable
-        Called with the changed values, by name, after a change was accepted.
+        Called with the changed values by name after a change was accepted.
 
     Returns
     -------
     dict
-        The values by name; it follows every change.
+        The values by name, updated with every change.
 
     Raises
     ------
@@ -126,7 +126,7 @@ def declare(
             for p in parameters
         ]
 
-    given = node._parameter_overrides  # rclpy itself shows only what is declared.
+    given = node._parameter_overrides  # rclpy itself reports only declared parameters.
     given.update({p.name: p for p in as_declared(list(given.values()))})
     for spec in specs:
         parameter = node.declare_parameter(spec.name, spec.default, spec.descriptor())
@@ -140,7 +140,7 @@ def declare(
 
 
 def warn_of_unknown(node: Node, known: Sequence[str]) -> None:
-    """Warn where a node was given parameters that it does not have."""
+    """Warn if a node was given parameters that it does not have."""
     names = sorted(node._parameter_overrides.keys() - set(known))
     unknown = [name for name in names if name.split('.')[0] not in _OF_ROS]
     if unknown:

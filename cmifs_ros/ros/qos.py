@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""The quality of service of the nodes' own topics."""
+"""The QoS of the nodes' own topics."""
 
 from rclpy.qos import DurabilityPolicy, QoSProfile
 

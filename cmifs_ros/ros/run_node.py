@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""The life of a node's process: start, spin, end cleanly."""
+"""A node's process: start, spin, clean shutdown."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import os
 import signal
 import sys
 
-#: How soon a signal is noticed, in seconds.
+#: Seconds until a signal is noticed, at most.
 _SIGNAL_PERIOD = 0.1
 
 
@@ -32,10 +32,10 @@ def simulator_node() -> int:
 def run_node(module: str, name: str) -> int:
     """Run a node of this package until SIGINT, SIGTERM or shutdown; return the exit code.
 
-    It is 0, or 2 if the node cannot start as it was asked to; a node that cannot go on raises
-    SystemExit with a sentence. The signals end the loop between two callbacks: rclpy's own
-    handlers would shut the context down in the middle of one, and its next publish would raise.
-    While the node is still being loaded they end it at once.
+    It is 0, or 2 if the parameters are invalid; a node that cannot continue raises SystemExit with
+    a message. A signal ends the loop between two callbacks: rclpy's own handlers would shut the
+    context down during a callback, whose next publish would raise. While the node is being
+    loaded, a signal ends the process at once.
     """
     _on_signals(lambda *_: os._exit(0))
     import rclpy
@@ -53,7 +53,7 @@ def run_node(module: str, name: str) -> int:
     _on_signals(stop)
     try:
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-    except RuntimeError as error:  # A ROS argument or a parameter file cannot be read.
+    except RuntimeError as error:  # A ROS argument or a parameter file is invalid.
         print(error, file=sys.stderr)
         return 2
     node = None
@@ -61,7 +61,7 @@ def run_node(module: str, name: str) -> int:
         node = make_node()
         executor = make_executor()
         executor.add_node(node)
-        # What was loaded stays: to search it for garbage again and again takes 30 ms each time.
+        # Loaded modules stay: searching them for garbage takes 30 ms each time.
         gc.collect()
         gc.freeze()
         while not stopping:
@@ -81,10 +81,10 @@ def run_node(module: str, name: str) -> int:
 
 
 def make_executor(context=None):
-    """Return the executor that costs least: docs/reliability.md has the comparison.
+    """Return the executor with the lowest cost; docs/reliability.md has the comparison.
 
-    It wants to be spun with a timeout: without one the `EventsExecutor` of rclpy 7.1.6 waits with
-    the interpreter locked. rclpy has it since 7.1.4.
+    Spin it with a timeout: without one the `EventsExecutor` of rclpy 7.1.6 waits while it holds
+    the interpreter lock. rclpy has it since 7.1.4.
     """
     try:
         from rclpy.experimental.events_executor import EventsExecutor

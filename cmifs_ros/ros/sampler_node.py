@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""The sampler node: a robot's topics become `state`, `action` and `reward`, by its robot file."""
+"""The sampler node: publishes `state`, `action` and `reward` from a robot's own topics."""
 
 from __future__ import annotations
 
@@ -35,10 +35,15 @@ from .topic_traffic import TopicTraffic
 
 PARAMETERS = (
     Spec('robot_file', '', 'Path of the robot file.', read_only=True),
-    Spec('max_lateness', 5.0, 'Seconds for which a topic is waited for at most.', read_only=True),
+    Spec(
+        'max_lateness',
+        5.0,
+        'Longest time to wait for late messages of a topic, in seconds.',
+        read_only=True,
+    ),
     *selected_state.PARAMETERS,
 )
-#: Seconds without any message after which none is waited for.
+#: Seconds without any message after which waiting steps are made.
 _QUIET = 2.0
 
 
@@ -48,7 +53,7 @@ def _check(values: dict) -> None:
 
 
 class SamplerNode(Node):
-    """Subscribe to what the robot file names, as soon as somebody publishes it."""
+    """Subscribe to the topics of a robot file, each as soon as it is published."""
 
     def __init__(self):
         super().__init__('sampler')
@@ -64,7 +69,7 @@ class SamplerNode(Node):
             self._asked['target'] = float(TARGETS.index(self._robot.target))
         self._sampler = Sampler(self._robot, settings['max_lateness'])
         is_simulated = self.get_parameter('use_sim_time').value
-        # Before `state`, by which the selector knows who needs no relay.
+        # Before `state`: the selector relays states only of nodes without `selected_state`.
         self._selected_state = SelectedState(self, self._robot, settings, is_simulated)
         self._traffic = TopicTraffic(self, self._robot)
         self._saving: TopicSaving | None = None
@@ -80,7 +85,7 @@ class SamplerNode(Node):
         for source in self._robot.sources:
             max_ages[source.path.topic] = max(max_ages[source.path.topic], source.max_age)
         if self._robot.action:
-            max_ages[self._robot.action + STATUS] = math.inf  # It speaks when a goal changes.
+            max_ages[self._robot.action + STATUS] = math.inf  # Published only when a goal changes.
         name = self.get_fully_qualified_name().lstrip('/')
         self._status = SamplerStatus(name, self._sampler, max_ages)
         self._subscriptions_by_topic: dict[str, FollowingSubscription] = {}
@@ -88,10 +93,10 @@ class SamplerNode(Node):
         self._refused: set[str] = set()
         self._simulated: int | None = None
         if is_simulated:
-            # rclpy's own clock has the newest time alone: to who is behind, all that waits would
-            # seem to come at once. Here it waits in its turn, and is read as that of a bag.
+            # rclpy's own clock knows only the newest time: to a node that lags, all queued messages
+            # would seem to arrive at once. Here /clock is queued with them, as in a bag.
             FollowingSubscription(self, ClockTime, '/clock', self._on_clock)
-        # Steady time: a simulated clock that stands still must not stop them.
+        # Steady time: a paused simulation must not stop them.
         clock = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(0.2, self._discover, clock=clock)
         self.create_timer(1.0, self._report, clock=clock)
@@ -101,9 +106,9 @@ class SamplerNode(Node):
         self._selected_state.apply()
 
     def _discover(self) -> None:
-        """Subscribe to the topics whose type is known by now, anew where it has changed.
+        """Subscribe to the topics whose type is known by now; subscribe again if it has changed.
 
-        And to those that are switched off no longer.
+        Topics that are switched off are unsubscribed.
         """
         off = self._sampler.saving.off
         if self._saving is not None:
@@ -119,12 +124,12 @@ class SamplerNode(Node):
             elif subscription is None:
                 self._subscribe(topic, types.get(topic))
             elif subscription.clashes and not subscription.publishers and topic not in types:
-                # The next look subscribes anew: until then the old type is not given up.
+                # The next call subscribes again; until then the old type is kept.
                 subscription.destroy()
                 del self._subscriptions_by_topic[topic]
 
     def _subscribe(self, topic: str, name: str | None) -> None:
-        """Subscribe to a topic of this type, or of the one by which it is published."""
+        """Subscribe to a topic with this type, or with the type of its publishers."""
         publishers = self.get_publishers_info_by_topic(self.resolve_topic_name(topic))
         name = name or next((p.topic_type for p in publishers if p.topic_type), None)
         if name is None:
@@ -142,7 +147,7 @@ class SamplerNode(Node):
             self._subscriptions_by_topic[topic] = FollowingSubscription(
                 self, message_type, topic, partial(self._take, topic)
             )
-        except RuntimeError as error:  # Of the middleware, which may still hold another type.
+        except RuntimeError as error:  # From the middleware, which may still hold another type.
             self._problems[topic] = f'no subscription to {name}: {error}'
             return
         self._problems.pop(topic, None)
@@ -155,13 +160,13 @@ class SamplerNode(Node):
     def _take(self, topic: str, message) -> None:
         self._status.heard(topic)
         try:
-            # When it was sent is not known: the EventsExecutor of rclpy 7.1.6 fails on callbacks
+            # The source timestamp is unknown: the EventsExecutor of rclpy 7.1.6 fails on callbacks
             # that ask for the message's info.
             received = self._simulated or self.get_clock().now().nanoseconds
             self._selected_state.take(topic, message, received)
             self._traffic.take(topic, message)
             steps = self._sampler.add(topic, message, received)
-        except Exception as error:  # A message of whatever type must not end the node.
+        except Exception as error:  # No message must end the node.
             self._sampler.note_wrong(topic, f'{type(error).__name__}: {error}')
             return
         self._publish(steps)
@@ -182,14 +187,14 @@ class SamplerNode(Node):
             )
 
     def _report(self) -> None:
-        if self._status.silence() > _QUIET:  # Of a robot that rests, the last episode is due.
+        if self._status.silence() > _QUIET:  # If the robot is idle, its last episode is due.
             self._publish(self._sampler.flush())
         problems = dict(self._problems)
         for topic, subscription in self._subscriptions_by_topic.items():
             if subscription.clashes and not subscription.publishers:
                 kinds = sorted(subscription.clashes)
                 problem = self._robot.type_problem(topic, kinds)
-                problems[topic] = problem or f'it is published as {listed(kinds)} now'
+                problems[topic] = problem or f'it is now published as {listed(kinds)} now'
                 if problem and topic not in self._refused:
                     self._refused.add(topic)
                     self.get_logger().error(problem)

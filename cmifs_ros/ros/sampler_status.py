@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""What the sampler says of each topic, and of what its steps lack, on /diagnostics."""
+"""The sampler's diagnostics: the condition of each topic, and what steps lack."""
 
 from __future__ import annotations
 
@@ -16,26 +16,26 @@ from cmifs_ros.core.words import counted, listed
 
 from . import diagnostics
 
-#: Seconds that rates and complaints look back over, at one report a second.
+#: Seconds that rates and problems refer to, at one report a second.
 _WINDOW = 10
-#: Seconds of silence after which a topic is called so, unless what it tells may be older.
+#: Seconds after which a topic is reported as silent, unless its `max_age` is longer.
 _SILENCE = 5.0
-#: Seconds from the first step in which topics that are only just found are not told.
+#: Seconds after the first step in which missing topics are not reported: discovery takes time.
 _GRACE = 3.0
-#: Of what steps lack so much is told, the most frequent.
+#: Causes reported, the most frequent ones.
 _MAX_CAUSES = 8
 
 
 class SamplerStatus:
-    """Compose the statuses of a sampler; to be asked once a second.
+    """Compose the statuses of a sampler, once a second.
 
     Parameters
     ----------
     name : str
-        The node's, before the colon of each status.
+        The node's name, before the colon of each status.
     sampler : Sampler
     max_ages : mapping of str to float
-        By topic, for how many seconds its newest message is used.
+        By topic, the seconds for which its newest message is valid.
 
     """
 
@@ -45,18 +45,18 @@ class SamplerStatus:
         self._off_at: dict[str, float] = {}  # When a topic was last seen to be switched off.
         self._past: deque[dict] = deque(maxlen=_WINDOW)
         self._stepping_at: float | None = None
-        self._told: Counter = Counter()  # What steps have lacked, when that was last looked at.
+        self._told: Counter = Counter()  # What steps lacked at the last call.
 
     def heard(self, topic: str) -> None:
-        """Note that a message of a topic has come."""
+        """Note that a message of a topic has arrived."""
         self._heard_at[topic] = time.monotonic()
 
     def silence(self) -> float:
-        """Return the seconds since the newest message of any topic; inf before the first."""
+        """Return the seconds since the newest message of any topic; inf if there was none."""
         return time.monotonic() - max(self._heard_at.values(), default=-math.inf)
 
     def news(self) -> list[str]:
-        """Return for the log what steps lack, each once."""
+        """Return log lines of what steps lack, each only once."""
         now, missing = time.monotonic(), Counter(self._sampler.missing.counts)
         if self._stepping_at is None and self._sampler.num_moments:
             self._stepping_at = now
@@ -66,15 +66,15 @@ class SamplerStatus:
         fresh = {key: n for key, n in missing.items() if n > self._told.get(key, 0)}
         self._told |= dict.fromkeys(fresh, math.inf)
         causes = self._sampler.missing.in_words(fresh)
-        return [f'steps lack {what}; episodes break there' for what in causes]
+        return [f'steps lack {what}; this breaks episodes' for what in causes]
 
     def statuses(self, problems: Mapping[str, str]) -> list[DiagnosticStatus]:
-        """Return a status of the steps and one of each topic.
+        """Return a status of the steps and one for each topic.
 
         Parameters
         ----------
         problems : mapping of str to str
-            What the node knows to be wrong with a topic, such as that nobody publishes it.
+            Problems by topic that the node knows, such as that nobody publishes it.
 
         """
         sampler = self._sampler
@@ -103,17 +103,17 @@ class SamplerStatus:
             causes = sampler.missing.in_words(lacking).most_common(_MAX_CAUSES)
             shown = '; '.join(f'{count} lack {what}' for what, count in causes)
             level = diagnostics.WARN
-            message = f'of the last {counted(moments, "step")}, {shown}; they break episodes'
+            message = f'of the last {counted(moments, "step")}, {shown}; this breaks episodes'
         elif sampler.away:
             message = f'no steps to learn from without {listed(sorted(sampler.away))}'
         elif problem := sampler.ends.problem():
             level, message = diagnostics.WARN, problem
         elif problems:
-            level, message = diagnostics.WARN, f'wanting: {listed(sorted(problems))}'
+            level, message = diagnostics.WARN, f'topics with problems: {listed(sorted(problems))}'
         elif not moments:
             level, message = diagnostics.STALE, 'no step is due'
         elif now['between'] - past['between'] == moments:
-            message = 'between episodes: what ended the last one still holds'
+            message = 'between episodes: the end condition of the last one still holds'
         values = {
             'steps': now['steps'],
             'moments': now['moments'],
@@ -143,17 +143,17 @@ class SamplerStatus:
         elif is_silent:
             level, message = (
                 diagnostics.STALE,
-                'no message came' if age == math.inf else 'silent',
+                'no message arrived' if age == math.inf else 'silent',
             )
         elif fresh['wrong'] > 0:
-            level, message = diagnostics.WARN, f'of no use: {self._sampler.last_wrong[topic]}'
+            level, message = diagnostics.WARN, f'unusable: {self._sampler.last_wrong[topic]}'
         elif fresh['late']:
-            level, message = diagnostics.WARN, 'comes later than steps can wait for'
+            level, message = diagnostics.WARN, 'arrives later than steps can wait'
         values = {
             'messages': now['received'][topic],
             'rate in Hz': _rate(now['received'][topic] - past['received'][topic], seconds),
             'age in s': f'{age:.1f}',
-            'waited for in s': f'{self._sampler.wait_for(topic):.2f}',
+            'waiting time in s': f'{self._sampler.wait_for(topic):.2f}',
             'late': now['late'][topic],
             'wrong': now['wrong'][topic],
         }

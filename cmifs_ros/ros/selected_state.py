@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""`selected_state` of a sampler: the selected channels for controllers, at once."""
+"""The sampler's `selected_state`: the selected channels for controllers, without delay."""
 
 from __future__ import annotations
 
@@ -24,34 +24,34 @@ from . import conversions, diagnostics
 from .parameters import Spec
 from .qos import LATCHED_QOS, STREAM_QOS
 
-#: Seconds for which the log does not say again of a sensor that comes and goes that it is gone.
-_SAID_FOR = 10.0
-#: Of the relay of the selector, and of the sampler.
+#: Seconds before the log repeats that an intermittent sensor is missing.
+_REPEATED_AFTER = 10.0
+#: Shared with the selector, which relays states without a sampler.
 SELECTED_STATE_PARAMETERS = (
     Spec('layout', 'selected',
-         'What selected_state holds: the selected channels, or all in fixed places, nan where not '
-         'selected.', choices=LAYOUTS),
+         'Channels of selected_state: the selected ones, or all in fixed places (full), nan where '
+         'not selected.', choices=LAYOUTS),
     Spec('pass_through_until_selected', True,
-         'Publish all channels on selected_state before the first selection, in place of none.'),
+         'Publish all channels on selected_state until the first selection; false: nothing.'),
 )  # fmt: skip
 PARAMETERS = (
     *SELECTED_STATE_PARAMETERS,
     Spec('stop_on_missing_channel', False,
-         'While a selected channel is gone, publish no selected_state, in place of nan for it.'),
+         'While a selected channel is missing, publish no selected_state instead of nan for it.'),
 )  # fmt: skip
 
 
 class SelectedState:
-    """Publish the newest values of the selected channels at each step, and say which are gone.
+    """Publish the newest values of the selected channels at each step; report missing ones.
 
     Parameters
     ----------
     node : rclpy.node.Node
     robot : RobotFile
     settings : dict
-        The node's parameters by name, which follows their changes.
+        The node's parameters by name, kept up to date.
     is_simulated : bool
-        The time is that of `set_clock`.
+        Time comes from `set_clock`.
 
     """
 
@@ -60,12 +60,12 @@ class SelectedState:
         self._newest = NewestValues(robot)
         self._number: int | None = None  # of the selection in use
         self._selected: set[str] | None = None
-        self._told_gone: set[str] = set()  # Sensors that the log says are gone.
-        self._silent_until: dict[str, float] = {}  # By sensor, until when it does not say so again.
+        self._logged_missing: set[str] = set()  # Sensors last logged as missing.
+        self._silent_until: dict[str, float] = {}  # By sensor, when to log again.
         self._num_sent = 0
         self._simulated: int | None = None
         self._is_simulated = is_simulated
-        self._message = JointState()  # One for all: a new one takes as long to make.
+        self._message = JointState()  # Reused: creating one takes as long as publishing it.
         self._publisher = node.create_publisher(JointState, 'selected_state', STREAM_QOS)
         node.create_subscription(String, 'selection', self._on_selection, LATCHED_QOS)
         self._period = int(conversions.NANOSECONDS / robot.rate) if robot.rate else None
@@ -77,7 +77,7 @@ class SelectedState:
         self.apply()
 
     def apply(self) -> None:
-        """Take over the parameters."""
+        """Apply changed parameters."""
         names = self._robot.channel_names
         layout = layout_of(self._settings['layout'], names, self._selected)
         self._newest.select(names if self._selected is None else self._selected, layout)
@@ -92,7 +92,7 @@ class SelectedState:
         topic : str
         message : object
         received : int
-            In nanoseconds; the stamp of what has none.
+            Receive time in nanoseconds, used for a message without a stamp.
 
         """
         self._newest.take(topic, message, self._now())
@@ -107,7 +107,7 @@ class SelectedState:
             self._publish(self._last_tick * self._period)
 
     def status(self) -> DiagnosticStatus:
-        """Return what is to be said of it once a second."""
+        """Return its status, once a second."""
         name = f'{self._node.get_fully_qualified_name().lstrip("/")}: selected_state'
         level, message = diagnostics.OK, 'nothing before the first selection'
         if self._selected is not None:
@@ -115,7 +115,7 @@ class SelectedState:
         elif self._settings['pass_through_until_selected']:
             message = 'all channels, before the first selection'
         if self._newest.missing:
-            level, message = diagnostics.WARN, self._lack(self._newest.missing)
+            level, message = diagnostics.WARN, self._in_words(self._newest.missing)
         values = {
             'messages': self._num_sent,
             'number': '' if self._number is None else self._number,
@@ -127,7 +127,7 @@ class SelectedState:
         return (self._simulated or 0) if self._is_simulated else time.monotonic_ns()
 
     def _on_timer(self) -> None:
-        # Steps are at whole multiples of the period, live and from a bag; clocks drift apart.
+        # Steps are at multiples of the period, live and from a bag; the two clocks drift apart.
         now = self._node.get_clock().now().nanoseconds
         tick = round(now / self._period)
         self._timer.timer_period_ns = max(1, (tick + 1) * self._period - now)
@@ -139,7 +139,7 @@ class SelectedState:
             return
         values = self._newest.state(self._now())
         if self._selected is not None:
-            self._say_gone()
+            self._log_missing()
         if self._newest.missing and self._settings['stop_on_missing_channel']:
             return
         self._num_sent += 1
@@ -149,21 +149,21 @@ class SelectedState:
             out.position = values
             self._publisher.publish(out)
 
-    def _say_gone(self) -> None:
-        now, gone, told = time.monotonic(), self._newest.missing, self._told_gone
-        due = {n for n in gone.keys() - told if now > self._silent_until.get(n, 0.0)}
-        fresh = {name: why for name, why in gone.items() if name in due}
-        self._told_gone = (told & gone.keys()) | due
-        self._silent_until |= dict.fromkeys(due, now + _SAID_FOR)
+    def _log_missing(self) -> None:
+        now, missing, logged = time.monotonic(), self._newest.missing, self._logged_missing
+        due = {n for n in missing.keys() - logged if now > self._silent_until.get(n, 0.0)}
+        fresh = {name: why for name, why in missing.items() if name in due}
+        self._logged_missing = (logged & missing.keys()) | due
+        self._silent_until |= dict.fromkeys(due, now + _REPEATED_AFTER)
         if fresh:
-            self._node.get_logger().warning(self._lack(fresh))
-        elif told and not gone:
+            self._node.get_logger().warning(self._in_words(fresh))
+        elif logged and not missing:
             self._node.get_logger().info('selected_state has all selected channels again')
 
-    def _lack(self, gone: dict[str, str]) -> str:
-        shown = first([f'{name}: {why}' for name, why in gone.items()])
+    def _in_words(self, missing: dict[str, str]) -> str:
+        shown = first([f'{name}: {why}' for name, why in missing.items()])
         if self._settings['stop_on_missing_channel']:
-            return f'selected_state stops, as it lacks {shown}'
+            return f'selected_state stops; missing: {shown}'
         return f'selected_state has nan for {shown}'
 
     def _on_selection(self, message: String) -> None:
@@ -172,16 +172,16 @@ class SelectedState:
             number, names = found['number'], list(found['names'])
             unknown = [name for name in names if name not in self._robot.channel_names]
         except (ValueError, TypeError, KeyError) as error:
-            self._node.get_logger().warning(f'a selection cannot be read: {error}')
+            self._node.get_logger().warning(f'cannot read a selection: {error}')
             return
         if unknown:
             self._node.get_logger().warning(
-                f'a selection of {listed(names)} is not used: the robot file has no channel '
-                f'{unknown[0]!r}; call ~/clear_episodes of the selector if it has others now'
+                f'the selection of {listed(names)} is ignored: the robot file has no channel '
+                f'{unknown[0]!r}; if the file has changed, call ~/clear_episodes of the selector'
             )
         else:
             is_news = set(names) != self._selected
             self._number, self._selected = number, set(names)
             self.apply()
             if is_news:
-                self._node.get_logger().info(f'selected_state is {listed(self._newest.names)} now')
+                self._node.get_logger().info(f'selected_state is now {listed(self._newest.names)}')

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""The selection in use, and what has become of the data since it was made."""
+"""The selection in use, its age, and how the data have changed since."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ class SelectionInUse:
     ----------
     selection : Selection
     channel_names : tuple of str
-        Those that it was made from.
+        The channels it was made from.
     selected_at : float
         By `time.monotonic`.
     cause : str
-        Why it was made.
+        What it was requested by.
     horizon : int
-        Episodes before which nothing is said of a change in the data.
+        Number of new episodes needed to detect a change in the data.
 
     Attributes
     ----------
@@ -56,7 +56,7 @@ class SelectionInUse:
 
     @property
     def confirmed(self) -> tuple[str, ...]:
-        """The sensors that stay confirmed without evidence against them; none without its data."""
+        """The sensors that stay confirmed until dispensable; none if the data were cleared."""
         return () if self._drift is None else self.selection.confirmed
 
     @property
@@ -66,12 +66,12 @@ class SelectionInUse:
         return tuple(name for _, name in sorted(pairs))
 
     def add(self, episode: Episode) -> None:
-        """Take an episode that came since."""
+        """Compare a new episode with those it was made from."""
         if self._drift is not None:
             self._drift.add(episode)
 
     def forget_data(self) -> None:
-        """Compare no further episodes with those that it was made from."""
+        """Stop comparing, because the episodes it was made from were cleared."""
         self._drift = None
 
     def doubt(self, attempt: str) -> str:
@@ -82,6 +82,6 @@ class SelectionInUse:
         return f'the data have changed since the selection: {listed(changed)}'
 
     def changed(self) -> list[str]:
-        """Return the channels, or 'the reward', that no longer look as they did."""
+        """Return the channels, or 'the reward', whose distribution has changed."""
         names = (*self.channel_names, 'the reward')
         return [] if self._drift is None else [names[index] for index in self._drift.changed()]

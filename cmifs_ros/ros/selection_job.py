@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""What the worker process does: a selection."""
+"""The work of the worker process: a selection."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from .worker import report_progress
 
 
 def run_selection(episodes, channel_names, method: str, settings: dict, options: dict) -> Selection:
-    """Return what `select` finds; tell the node how far it is."""
+    """Run `select`, reporting its progress to the node."""
     return select(episodes, channel_names, method, settings, progress=report_progress, **options)
 
 
 def prepare() -> None:
-    """Select from a few numbers, for which all that is compiled has to be compiled and loaded."""
+    """Make a tiny selection, so that all compiled code is loaded."""
     rng = np.random.default_rng(0)
     episodes = [Episode(rng.normal(size=(3, 2)), [0, 0, i]) for i in range(4)]
     select(episodes, ('a', 'b'), 'conditional_mi', {})

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""Requests for selections, answered by as few computations as possible."""
+"""A queue of requests for selections, which shares computations between requests."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from .worker import WorkerProcess
 CANCELLED = 'the selection was cancelled'
 STOPPED = 'the selector is shutting down'
 
-#: Calls that may wait for their answer.
+#: Calls that may wait for an answer.
 MAX_WAITING = 1000
 
 
@@ -32,15 +32,15 @@ class Job:
     revision : int
         Changes with the data and the settings.
     num_clears : int
-        How often the data had been thrown away.
+        How often the episodes had been cleared.
     cause : str
-        Who asked for it first.
+        What it was requested by.
     arguments : tuple
-        Of `run_selection`; the first are the episodes.
+        The arguments of `run_selection`; the first are the episodes.
     held : sequence of Episode
         These episodes as the buffer holds them.
     note : str
-        What of the data is left out, if anything.
+        Which of the data are left out, if any.
 
     """
 
@@ -62,7 +62,7 @@ class Outcome:
     error : str
         Why there is none.
     job : Job or None
-        None: nothing failed; there was no reason to start, or whoever asked gave it up.
+        None: nothing failed; no job was started, or it was cancelled.
 
     """
 
@@ -72,26 +72,25 @@ class Outcome:
 
 
 class RefusedError(Exception):
-    """No selection can be started; the message says why."""
+    """A selection cannot be started; the message says why."""
 
 
 class SelectionQueue:
-    """Run one selection at a time and give its outcome to everyone who asked for it.
+    """Run one selection at a time and pass its outcome to all who requested it.
 
-    A request made while a job runs joins that job if nothing has changed since it started,
-    and else the next one.
+    A request made while a job runs joins this job if nothing has changed since it started,
+    otherwise the next one.
 
     Parameters
     ----------
     make_job : callable
-        Returns the job that the newest data and settings call for, and given its cause; may raise
-        `RefusedError`.
+        Takes a cause; returns a job for the newest data and settings, or raises `RefusedError`.
     current_revision : callable
-        Returns the revision that `make_job` would put on a job now.
+        Returns the revision that `make_job` would use now.
     on_outcome : callable
-        Called with each outcome; what it returns is what those who asked for it get.
+        Called with each outcome; returns the outcome to pass on.
     timeout : float
-        Seconds after which a selection is given up; 0: never.
+        Seconds after which a selection is cancelled; 0: never.
 
     """
 
@@ -115,33 +114,33 @@ class SelectionQueue:
 
     @property
     def busy(self) -> bool:
-        """Whether a selection is under way."""
+        """Whether a selection is running."""
         return self._worker.busy
 
     @property
     def running_for(self) -> float:
-        """Seconds since the selection under way was started; 0 if there is none."""
+        """Seconds since the running selection was started; 0 if none is running."""
         return time.monotonic() - self._started_at if self.busy else 0.0
 
     @property
     def progress(self) -> float:
-        """Share of the selection under way that is done, from 0 to 1."""
+        """Completed share of the running selection, 0 to 1."""
         return self._worker.progress if self.busy else 0.0
 
     @property
     def worker_pid(self) -> int | None:
-        """Process id of the worker, or None when none runs."""
+        """Process id of the worker, or None if none is running."""
         return self._worker.pid
 
     def start(self) -> None:
-        """Have the worker prepared before there is a selection to make."""
-        with suppress(OSError):  # It is told when a selection asks for one in vain.
+        """Start the worker before the first selection."""
+        with suppress(OSError):  # Reported when a selection needs it.
             self._worker.start()
 
     def request(self, cause: str, answer: Callable[[Outcome], None]) -> None:
-        """Ask for a selection; `answer` is called with its outcome."""
+        """Request a selection; `answer` is called with its outcome."""
         if len(self._joined) + len(self._waiting) >= MAX_WAITING:
-            reason = f'{MAX_WAITING} calls wait for a selection already'
+            reason = f'{MAX_WAITING} calls are already waiting for a selection'
             answer(Outcome(error=reason))
         elif self.busy and self._running.revision == self._current_revision():
             self._joined.append(answer)
@@ -168,20 +167,20 @@ class SelectionQueue:
         self._start_next()
 
     def cancel(self) -> bool:
-        """Give up the selection under way; return whether there was one.
+        """Cancel the running selection; return whether there was one.
 
-        Whoever waits is answered, also those that wait for the next one.
+        All waiting requests are answered, including those for the next selection.
         """
         if not self.busy:
             return False
-        self._give_up(CANCELLED)
+        self._abandon(CANCELLED)
         return True
 
     def stop(self) -> bool:
-        """End the worker process at once, and answer those who wait; return whether any did."""
-        return self._give_up(STOPPED)
+        """Kill the worker and answer all waiting requests; return whether there were any."""
+        return self._abandon(STOPPED)
 
-    def _give_up(self, reason: str) -> bool:
+    def _abandon(self, reason: str) -> bool:
         self._worker.stop()
         waiting, self._joined, self._waiting = self._joined + self._waiting, [], []
         self._running = None
@@ -200,7 +199,7 @@ class SelectionQueue:
         try:
             self._worker.submit(run_selection, *job.arguments)
         except OSError as error:
-            reason = f'no worker process could be started: {error}'
+            reason = f'cannot start a worker process: {error}'
             self._answer(waiting, Outcome(error=reason, job=job))
             return
         self._running, self._joined = job, waiting
@@ -208,7 +207,7 @@ class SelectionQueue:
 
     def _finish(self, selection: Selection | None = None, error: str = '') -> None:
         joined, self._joined = self._joined, []
-        # Not kept: the bound of the buffer holds for all episodes in memory.
+        # Not kept: the memory bound of the buffer covers all episodes held.
         job, self._running = self._running, None
         self._answer(joined, Outcome(selection, error, job))
 

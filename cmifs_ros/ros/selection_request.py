@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""From the episodes, the input and the parameters to a job for the worker, or why there is none."""
+"""Turn a request for a selection into a job for the worker, or refuse it."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from .selector_parameters import check_parameters, selector_settings
 
 
 class UnusableDataError(RefusedError):
-    """There are enough episodes, but they cannot show what is asked; the message says why."""
+    """There are enough episodes, but they cannot answer the question; the message says why."""
 
 
 def make_job(
@@ -31,7 +31,7 @@ def make_job(
     settings: dict,
     in_use: SelectionInUse | None,
 ) -> Job:
-    """Return the selection to be made from the episodes held.
+    """Return a job for a selection from the episodes held.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ def make_job(
     settings : dict
         The node's parameters.
     in_use : SelectionInUse or None
-        Its confirmed sensors stay, unless there is evidence against them.
+        Its confirmed sensors stay unless they are dispensable now.
 
     Raises
     ------
@@ -75,7 +75,7 @@ def make_job(
     episodes, note = with_same_actions(held, needed)
     problem = problem_of_target(episodes, source.target) if settings['method'] != 'kdr' else ''
     if problem:
-        raise UnusableDataError(problem)
+        raise UnusableDataError(f'{problem} ({note})' if note else problem)
     options: dict[str, Any] = {
         'start': () if in_use is None else in_use.confirmed,
         'least_kept': needed if settings['forget_outdated'] else None,

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""What comes into the selector: states, rewards and actions, from whatever publishes them."""
+"""The input of the selector: states, rewards and actions become episodes."""
 
 from __future__ import annotations
 
@@ -32,28 +32,29 @@ from .selector_parameters import MEGABYTE, parse_fields
 
 #: Seconds between two log lines about the number of episodes.
 _PROGRESS_PERIOD = 10.0
-#: States of other channels in a row after which a robot counts as started anew.
+#: Consecutive states with other channels after which the robot counts as changed.
 _FOREIGN_IN_A_ROW = 10
 
 
 class SelectorInput:
-    """Receive states, rewards and, if there are any, actions for a node; join them to episodes.
+    """Subscribe to states, rewards and actions, and join them into episodes.
 
     Parameters
     ----------
     node : rclpy.node.Node
     settings : dict
-        The node's parameters by name, which follows their changes.
+        The node's parameters by name, kept up to date.
     buffer : EpisodeBuffer
-        For what is said of it.
+        Reported in the status.
     on_state : callable
-        Called with header, names and values of each state as it came.
+        Called with the header, names and values of each state.
     on_episode : callable
         Called with each whole episode.
     on_channels : callable
-        Called when the channels have become known.
+        Called when the channels become known.
     on_restart : callable
-        Called when states have had other channels for a while, if so wished: it has to `clear`.
+        Called if states have had other channels for a while and the parameter
+        `restart_on_new_channels` is set; it must clear the assembler.
 
     Attributes
     ----------
@@ -99,7 +100,7 @@ class SelectorInput:
 
     @property
     def topics(self) -> list[str]:
-        """Names of the topics that must be there, as they are after remapping."""
+        """Names of the required topics, after remapping."""
         return [self._subscriptions[topic].topic_name for topic in ('state', 'reward')]
 
     @property
@@ -114,17 +115,17 @@ class SelectorInput:
 
     @property
     def problem(self) -> str:
-        """What is wrong with the input, or nothing."""
+        """What is wrong with the input; empty if nothing."""
         found = self._watch.assessment
         return '' if found.level == 'OK' else found.message
 
     @property
     def target(self) -> str:
-        """What to select for: as the robot file says, else the parameters."""
+        """The target: that of the robot file, otherwise that of the parameters."""
         return self._reward_reader.target or self._settings['target']
 
     def gamma(self) -> float:
-        """Return the discount factor of a step: as the robot file says, else the parameters.
+        """Return the discount factor per step: from the robot file, otherwise the parameters.
 
         Raises
         ------
@@ -145,7 +146,7 @@ class SelectorInput:
         self.assembler.channel_names, self.assembler.actions.names = channel_names, action_names
 
     def apply(self) -> None:
-        """Take over the parameters."""
+        """Apply changed parameters."""
         values, reader = self._settings, self.assembler.reader
         self.assembler.builder.max_episode_steps = values['max_episode_steps']
         self.assembler.builder.max_episode_bytes = values['max_buffer_mb'] * MEGABYTE
@@ -155,7 +156,7 @@ class SelectorInput:
         self._field_reader = conversions.FieldReader(parse_fields(values['fields']))
 
     def report(self) -> DiagnosticStatus:
-        """Log what is new, and return what is to be said of the input once a second."""
+        """Log new problems and return the status of the input, once a second."""
         now, assembler = time.monotonic(), self.assembler
         topics = {
             name: Topic(
@@ -237,7 +238,7 @@ class SelectorInput:
         )
 
     def _has_actor(self) -> bool:
-        """Tell whether somebody publishes actions: at once, the subscription looks now and then."""
+        """Return whether anybody publishes actions; the subscription would notice later."""
         return self._node.count_publishers('action') > 0
 
     def _take_action(self, msg: JointState) -> None:
@@ -261,8 +262,8 @@ class SelectorInput:
     def _lost(self, topic: str, count: int) -> None:
         self.assembler.drop_message(
             'lost_on_the_way',
-            f'{counted(count, "message")} of {topic} got lost on the way: more come at once than '
-            'are taken',
+            f'{counted(count, "message")} of {topic} lost by the middleware: they arrive faster '
+            'than they are processed',
             count=count,
         )
 
@@ -272,11 +273,11 @@ class SelectorInput:
             tells += ['`step` is 0 again'] if sample.step is not None else []
             ends = f'where {" or ".join(tells)}, or' if tells else 'only'
             self._node.get_logger().info(
-                'the reward messages carry neither `terminated` nor `truncated`: an episode is '
+                'the reward messages have neither `terminated` nor `truncated`: an episode is '
                 f'closed {ends} at max_episode_steps={self._settings["max_episode_steps"]}'
             )
         if sample.step is None:
             self._node.get_logger().info(
-                'the reward messages carry no `step`: a lost state cannot be noticed, and the '
-                'first episode may lack its beginning'
+                'the reward messages have no `step`: a lost state goes unnoticed, and the first '
+                'episode may lack its beginning'
             )

@@ -42,17 +42,17 @@ from .selector_output import SelectorOutput
 from .selector_parameters import MEGABYTE, PARAMETERS, SELECTION_PARAMETERS, check_parameters
 from .selector_storage import SelectorStorage
 
-#: Seconds between looks at the worker.
+#: Seconds between checks of the worker.
 _POLL_PERIOD = 0.1
-#: Seconds that an answer given at the end has to arrive.
+#: Seconds that the last answers have to arrive before the process ends.
 _LAST_ANSWER = 0.5
 
 NOTHING_SO_FAR = diagnostics.OK, ''
-CLEARED_MEANWHILE = 'the selection is not used: its episodes were cleared meanwhile'
+CLEARED_MEANWHILE = 'the selection is discarded: its episodes were cleared meanwhile'
 
 
 class SelectorNode(Node):
-    """Publish the sensors that the return depends on, and the state reduced to them."""
+    """Publish the sensors that the return depends on, and a state of only these."""
 
     def __init__(self):
         super().__init__('selector')
@@ -66,9 +66,9 @@ class SelectorNode(Node):
             self._on_outcome,
             self._settings['selection_timeout'],
         )
-        self._revision = 0  # counts what would change a selection
+        self._revision = 0  # counts changes of data or settings
         self._attempted_revision: int | None = 0  # None: the last attempt failed
-        self._attempt = NOTHING_SO_FAR  # level and message of the last one, if it gave nothing
+        self._attempt = NOTHING_SO_FAR  # level and message, if the last one failed
         self._warned: set[str] = set()  # Kinds of warnings.
         self._storage: SelectorStorage | None = None
 
@@ -90,7 +90,7 @@ class SelectorNode(Node):
         self._replies = DeferredReplies(self, service)
         self.create_service(Trigger, '~/clear_episodes', self._on_clear_episodes)
         self.create_service(Trigger, '~/cancel', self._on_cancel)
-        # Steady time: a simulated clock that stands still must not stop the node.
+        # Steady time: a paused simulation must not stop the node.
         self._steady_clock = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(_POLL_PERIOD, self._queue.poll, clock=self._steady_clock)
         self.create_timer(1.0, self._report, clock=self._steady_clock)
@@ -103,12 +103,12 @@ class SelectorNode(Node):
         self.get_logger().info(f'waiting for {" and ".join(self._input.topics)}')
 
     def destroy_node(self) -> None:
-        """End the worker process and the last save, answer who waits, then end the node."""
+        """Stop the worker, answer waiting calls, finish saving, then end the node."""
         has_answered = self._queue.stop()
         has_answered |= self._replies.flush()
         if self._storage is not None:
             self._storage.stop()
-        if has_answered:  # What a client has not read yet is lost with this process.
+        if has_answered:  # An answer that a client has not read is lost with this process.
             time.sleep(_LAST_ANSWER)
         super().destroy_node()
 
@@ -144,7 +144,7 @@ class SelectorNode(Node):
 
     def _restart(self) -> None:
         self.get_logger().warning(
-            'the states come with other channels (restart_on_new_channels): '
+            'the states have other channels now (restart_on_new_channels): '
             f'{counted(len(self._buffer), "episode")} forgotten'
         )
         self._clear()
@@ -180,7 +180,7 @@ class SelectorNode(Node):
 
     def _on_cancel(self, request, response):
         response.success = self._queue.cancel()
-        response.message = 'cancelled' if response.success else 'no selection was under way'
+        response.message = 'cancelled' if response.success else 'no selection was running'
         self.get_logger().info(response.message)
         return response
 
@@ -217,7 +217,7 @@ class SelectorNode(Node):
 
     def _on_outcome(self, outcome: Outcome) -> Outcome:
         selection, job = outcome.selection, outcome.job
-        if job is None:  # Whoever asked is told why; nothing is wrong.
+        if job is None:  # Refused or cancelled; the caller gets the reason.
             return outcome
         if job.num_clears != self._buffer.num_clears:
             self.get_logger().info(CLEARED_MEANWHILE)
@@ -246,7 +246,7 @@ class SelectorNode(Node):
         return dataclasses.replace(outcome, selection=selection)
 
     def _log_warnings(self, selection: Selection) -> None:
-        """Log what limits what the data show, each kind once."""
+        """Log warnings about the data, each kind once."""
         warnings = kinds_of_warnings(selection.warnings)
         for kind in warnings.keys() - self._warned:
             self.get_logger().warning(warnings[kind])

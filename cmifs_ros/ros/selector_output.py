@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""What leaves the selector: the selection in use, and the state reduced to it."""
+"""The output of the selector: the selection in use, and the state reduced to it."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class SelectorOutput:
     ----------
     node : rclpy.node.Node
     settings : dict
-        The node's parameters by name, which follows their changes.
+        The node's parameters by name, kept up to date.
 
     Attributes
     ----------
@@ -62,7 +62,7 @@ class SelectorOutput:
         """Apply the selection of an earlier run, made `age` seconds ago."""
         # A selection that `select_from_bag` saved has no number.
         selection = dataclasses.replace(selection, number=selection.number or 1)
-        self._apply(selection, channel_names, time.monotonic() - age, 'read from the file')
+        self._apply(selection, channel_names, time.monotonic() - age, 'restored from the file')
 
     def change_channels(self, channel_names: tuple[str, ...]) -> None:
         """Keep the selection if the new channels include all of its own; otherwise drop it."""
@@ -90,7 +90,7 @@ class SelectorOutput:
         return fields_of(selection, self._topics.of(selection))
 
     def apply(self) -> None:
-        """Take over the parameters."""
+        """Apply changed parameters."""
         self.relay.use(self.in_use)
 
     def publish_doubt(self, problem: str) -> None:

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""The parameters of the selector node, and what they mean where they are text."""
+"""The parameters of the selector node, and the parsing of those that are text."""
 
 from __future__ import annotations
 
@@ -23,62 +23,62 @@ MEGABYTE = 1_000_000
 
 PARAMETERS = (
     Spec('method', 'conditional_mi',
-         'What a sensor is judged by: what the return depends on, or, one step ahead, kdr_target.',
+         'conditional_mi: what the return depends on; kdr: what kdr_target depends on.',
          choices=tuple(METHODS)),
     Spec('kdr_target', '',
          'For method kdr: the channels that the reward depends on directly, as in "x,y".'),
     Spec('target', RETURN,
-         'What sensors are selected for: what the return depends on, what a controller needs for '
-         'its decisions, or what the recorded action depends on. That of a robot file goes first.',
+         'What to select for: what the return depends on, what a controller needs, or what the '
+         'recorded action depends on. The target of a robot file takes precedence.',
          choices=TARGETS),
-    Spec('num_features', 0, 'Sensors to select; 0 decides automatically.', (0, 10_000)),
-    Spec('gamma', 0.95, 'Discount factor of the return.', (1e-6, 1)),
+    Spec('num_features', 0, 'Number of sensors to select; 0: the confirmed ones.', (0, 10_000)),
+    Spec('gamma', 0.95, 'Discount factor of the return, per step.', (1e-6, 1)),
     Spec('half_life', 0.0,
-         'Seconds after which a reward counts half, in place of gamma; 0: gamma.', (0, 1e9)),
-    Spec('criterion', 'held_out', 'Estimate of the mutual information.', choices=CRITERIA),
-    Spec('standardize', True, 'Scale channels and returns to mean 0 and spread 1.'),
+         'Seconds after which a reward counts half; replaces gamma; 0: use gamma.', (0, 1e9)),
+    Spec('criterion', 'held_out', 'Estimator of the mutual information.', choices=CRITERIA),
+    Spec('standardize', True, 'Replace channels and returns by normal scores.'),
     Spec('direction', 'forward', 'Search: forward selection or backward elimination.',
          choices=DIRECTIONS),
     Spec('sensor_groups', 'auto',
-         'Sensors of several channels: "pose=x,y; lidar=l0,l1,l2"; auto: those whose names share '
-         'what stands before an index or a last part, as scan[0], scan[1] or yaw.sin, yaw.cos.'),
+         'Sensors of several channels: "pose=x,y; lidar=l0,l1,l2"; auto: group channels by names '
+         'such as scan[0], scan[1] or yaw.sin, yaw.cos.'),
     Spec('min_episodes', 20, 'Episodes needed for a selection.', (2, 100_000)),
     Spec('max_episodes', 100,
-         'Episodes kept, at least min_episodes of them; the oldest leave first.', (2, 100_000)),
+         'Episodes kept, at least min_episodes; the oldest are removed first.', (2, 100_000)),
     Spec('forget_outdated', True,
-         'Where the task has changed, forget the episodes from before, but not the newest '
+         'When the task has changed, forget the episodes from before, but not the newest '
          'min_episodes.'),
     Spec('max_episode_steps', 1000, 'A longer episode is closed at this step.', (1, 1_000_000)),
     Spec('max_buffer_mb', 256,
-         'Memory of the episodes kept, in units of 10^6 bytes; the oldest leave first.',
+         'Memory for the episodes kept, in units of 10^6 bytes; the oldest are removed first.',
          (1, 16_384)),
     Spec('stamp_tolerance', 0.0,
-         'Seconds by which the stamps of a state and its reward may differ: less than half a step.',
+         'Seconds by which the stamps of a state and its reward may differ; less than half a step.',
          (0, 1e3)),
     Spec('fields', 'position',
-         'Fields of the states that are taken: "position,velocity,effort" or some of these.'),
+         'Fields of the state message to use: "position,velocity,effort" or some of these.'),
     Spec('inf_value', inf,
-         'Stands in the place of +inf in a state; inf: the greatest value of the channel so far.'),
+         'Replaces +inf in a state; inf: by the greatest value of the channel so far.'),
     Spec('max_hold_steps', 0,
-         'States in a row for which a channel that is nan keeps its last value.', (0, 1_000_000)),
+         'Consecutive states for which a nan channel keeps its last value.', (0, 1_000_000)),
     Spec('restart_on_new_channels', False,
-         'Forget the episodes and begin anew when the states come with other channels.'),
+         'Forget the episodes and start over when the states have other channels.'),
     Spec('episodes_path', '',
-         'File that brings the episodes and the selection back after a restart; empty: none.',
+         'File that restores the episodes and the selection after a restart; empty: none.',
          read_only=True),
-    Spec('selection_period', 30.0, 'Seconds between selections; 0 selects by service only.',
+    Spec('selection_period', 30.0, 'Seconds between selections; 0: by service only.',
          (0, 1e6)),
-    Spec('selection_timeout', 600.0, 'Seconds after which a selection is given up; 0: never.',
+    Spec('selection_timeout', 600.0, 'Seconds after which a selection is cancelled; 0: never.',
          (0, 1e6)),
     Spec('significance', 0.05,
-         'Probability that any sensor is confirmed where none tells anything.', (1e-6, 0.5)),
+         'Probability that any sensor is confirmed when none is informative.', (1e-6, 0.5)),
     Spec('margin', 0.02,
-         "Share of the target's variance: a sensor that adds less is dispensable.", (1e-6, 0.999)),
+         "Share of the target's variance; a sensor that adds less is dispensable.", (1e-6, 0.999)),
     Spec('max_time_bins', -1,
-         'Longer episodes have neighbouring steps pooled into so many bins; 0 never pools, -1 '
-         'decides by the data.', (-1, 10_000)),
-    Spec('random_state', 0, 'Seed of the folds and kernel centres.', (0, 2**31 - 1)),
-    Spec('worker_threads', 1, 'Processor cores that a selection may use; with kdr it uses one.',
+         'Neighbouring steps of longer episodes are pooled into this many bins; 0 never pools, -1 '
+         'chooses from the data.', (-1, 10_000)),
+    Spec('random_state', 0, 'Seed of the cross-validation.', (0, 2**31 - 1)),
+    Spec('worker_threads', 1, 'Processor cores that a selection may use; kdr always uses one.',
          (1, 64)),
     *SELECTED_STATE_PARAMETERS,
 )  # fmt: skip
@@ -90,7 +90,7 @@ SELECTION_PARAMETERS = {
     'significance', 'random_state', 'forget_outdated', 'target', 'margin',
 }  # fmt: skip
 
-#: What stands for itself is a number of bins.
+#: Special values; others are a number of bins.
 _TIME_BINS = {-1: 'auto', 0: None}
 
 
@@ -99,7 +99,7 @@ FIELDS = ('position', 'velocity', 'effort')
 
 
 def check_parameters(values: dict, channel_names: Sequence[str] | None = None) -> None:
-    """Raise ValueError if the parameters cannot be used together, or with the channels."""
+    """Raise ValueError if the parameters contradict each other or do not fit the channels."""
     if 0 < values['selection_period'] < LEAST_PERIOD:
         raise ValueError(
             f'selection_period is {values["selection_period"]:g}; expected 0 or at least '
@@ -136,7 +136,7 @@ def parse_fields(text: str) -> list[str]:
     Raises
     ------
     ValueError
-        If there is none, one comes twice or is no field of a joint state.
+        If a field is empty, repeated or unknown.
 
     """
     fields = [field.strip() for field in text.split(',')]
@@ -148,12 +148,12 @@ def parse_fields(text: str) -> list[str]:
 def sensor_groups(text: str, channel_names: Sequence[str]) -> dict[str, Sequence[str]]:
     """Return the groups of "pose=x,y; lidar=l0,l1" as {'pose': ['x', 'y'], ...}.
 
-    Of "auto" they are those that the names of the channels tell.
+    With "auto" the groups follow from the names of the channels.
 
     Raises
     ------
     ValueError
-        If a part is not of the form name=channel,channel or a name comes twice.
+        If a part is not of the form name=channel,channel or a name is repeated.
 
     """
     if text.strip() == 'auto':
@@ -177,7 +177,7 @@ def parse_kdr_target(text: str) -> list[str]:
     Raises
     ------
     ValueError
-        If there is none, one is empty, or one comes twice.
+        If a name is empty or repeated.
 
     """
     channels = [channel.strip() for channel in text.split(',')]
@@ -192,7 +192,7 @@ def parse_kdr_target(text: str) -> list[str]:
 def selector_settings(
     values: dict, channel_names: Sequence[str], gamma: float, target: str
 ) -> dict:
-    """Return the settings of the selector of `values['method']` for these channels."""
+    """Return the constructor parameters of the selector for these channels."""
     settings = {
         'num_features': values['num_features'] or None,
         'direction': values['direction'],

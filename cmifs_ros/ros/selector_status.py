@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""What the selector says of its selection on /diagnostics."""
+"""The selector's diagnostics: the selection in use and the last attempt."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def selection(
     Parameters
     ----------
     name : str
-        Of the status.
+        Name of the status.
     output : SelectorOutput
     queue : SelectionQueue
     attempt : tuple of bytes and str

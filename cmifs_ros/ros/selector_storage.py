@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""What the selector keeps over a restart: its episodes and its selection, in a file."""
+"""The file that keeps the selector's episodes and its selection over a restart."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from . import diagnostics
 
 
 class SelectorStorage:
-    """Take up the file of the last run and keep it up to date.
+    """Restore the last run from its file, and keep the file up to date.
 
-    A file that cannot be used is kept aside.
+    An unusable file is renamed, not deleted.
 
     Parameters
     ----------
@@ -32,7 +32,7 @@ class SelectorStorage:
     Raises
     ------
     ValueError
-        If the path cannot be a file of its own.
+        If the path cannot be used for a file.
 
     """
 
@@ -42,27 +42,27 @@ class SelectorStorage:
         self._error = self._logged_error = ''
 
     def restore(self, max_episodes: int, max_bytes: int) -> Saved | None:
-        """Return what the last run left, or None if that is nothing of use."""
+        """Return what the last run saved, or None if nothing usable."""
         path = self._path
         try:
             saved = read_episodes(path, max_episodes, max_bytes)
         except FileNotFoundError:
-            self.save(Saved(None, ()))  # A disk that lets nothing be saved is told of now.
+            self.save(Saved(None, ()))  # A disk that is not writable is reported now.
             return None
         except (OSError, RefusedFileError) as error:
             reason = f'{path} {error.strerror}' if isinstance(error, OSError) else error
             try:
                 aside = f'is kept as {episode_file.set_aside(path)}'
-            except OSError as failure:  # Nor may it be overwritten.
+            except OSError as failure:  # It must not be overwritten either.
                 self.stop()
                 self._saver = None
-                aside = f'stays ({failure.strerror}), and nothing is saved'
-            self._error = f'{reason}; it {aside}, and the selector starts empty'
+                aside = f'cannot be renamed ({failure.strerror}), so nothing is saved'
+            self._error = f'{reason}; it {aside}; the selector starts empty'
             self._log_error()
             return None
         names = saved.selection.names if saved.selection is not None else ['nothing']
         self._node.get_logger().info(
-            f'{path} brings back {counted(len(saved.episodes), "episode")}, and the selection of '
+            f'restored from {path}: {counted(len(saved.episodes), "episode")}; selection: '
             f'{listed(names)}'
         )
         if saved.torn_bytes:
@@ -75,21 +75,21 @@ class SelectorStorage:
     def append(
         self, episode: Episode, channel_names: tuple[str, ...], action_names: tuple[str, ...]
     ) -> bool:
-        """Keep one more episode; return False if everything is to be saved instead."""
+        """Append an episode; return False if the whole file must be saved instead."""
         return self._saver is None or self._saver.append(episode, channel_names, action_names)
 
     def save(self, saved: Saved) -> None:
-        """Keep this in place of all before. Never blocks."""
+        """Replace the contents of the file. Never blocks."""
         if self._saver is not None:
             self._saver.save(saved)
 
     def stop(self) -> None:
-        """Wait a little for the last save."""
+        """Wait briefly for the last save."""
         if self._saver is not None:
             self._saver.stop()
 
     def report(self, name: str) -> DiagnosticStatus:
-        """Log what is new, and return the status of this name; without a saver nothing is saved."""
+        """Log new errors and return the status under this name."""
         saver = self._saver
         values = {'path': self._path}
         if saver is not None:
@@ -108,5 +108,5 @@ class SelectorStorage:
         if self._error not in ('', self._logged_error):
             self._node.get_logger().error(self._error)
         elif self._logged_error and not self._error:
-            self._node.get_logger().info(f'{self._path} is saved again')
+            self._node.get_logger().info(f'{self._path} can be saved again')
         self._logged_error = self._error

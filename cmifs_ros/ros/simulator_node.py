@@ -61,12 +61,12 @@ class SimulatorNode(Node):
         self._map_publisher = self.create_publisher(OccupancyGrid, 'map', latched)
         self._marker_publisher = self.create_publisher(MarkerArray, 'markers', 10)
         self.create_subscription(Int32, 'command', self._on_command, 10)
-        # The grid world has no actions to show, as the paper's criterion leaves them out.
+        # No actions for the grid world: the paper's criterion does not use them.
         self._action_publisher = None
         if self._settings['env']:
             self._action_publisher = self.create_publisher(JointState, 'action', stream)
         self._action: int | None = None  # the newest one received
-        self._acting: Header | None = None  # of the state that waits for its action
+        self._acting: Header | None = None  # of the state whose action is pending
         self._world: GridWorld | GymnasiumWorld | None = None
         self._state: np.ndarray | None = None  # None between episodes
         self._episode = -1

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""`selected_state` from the states as they come, unless the sampler publishes it."""
+"""The selector's `selected_state`, relayed from each state unless a sampler publishes it."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from cmifs_ros.collect.episodes.filter import StateFilter, layout_of
 from .qos import STREAM_QOS
 from .selection_in_use import SelectionInUse
 
-#: What the middleware says of a publisher whose node has not introduced itself yet.
+#: The name of a publishing node that the middleware has not discovered yet.
 _UNKNOWN = '_NODE_NAME_UNKNOWN_'
 
 
 class StateRelay:
-    """Publish the selected channels of each state, if nobody else does.
+    """Publish the selected channels of each state, unless another node does.
 
     A node that publishes both `state` and `selected_state`, as the sampler does, needs no relay.
 
@@ -28,7 +28,7 @@ class StateRelay:
     ----------
     node : rclpy.node.Node
     settings : dict
-        The node's parameters by name, which follows their changes.
+        The node's parameters by name, kept up to date.
 
     """
 
@@ -36,7 +36,7 @@ class StateRelay:
         self._node, self._settings = node, settings
         self._publisher = node.create_publisher(JointState, 'selected_state', STREAM_QOS)
         self._input = node.resolve_topic_name('state')
-        self._message = JointState()  # One for all: a new one takes as long to make.
+        self._message = JointState()  # Reused: creating one takes as long as publishing it.
         self._filter: StateFilter | None = None
         self._others: set[str] = set()
         self._num_publishers = 0
@@ -44,21 +44,21 @@ class StateRelay:
 
     @property
     def num_lacking(self) -> int:
-        """States that lacked a selected channel, since the selection was made."""
+        """Number of states without a selected channel since the selection was made."""
         return 0 if self._filter is None else self._filter.num_lacking
 
     @property
     def is_lacking(self) -> bool:
-        """Whether the newest state lacks a selected channel."""
+        """Whether a selected channel is missing from the newest state."""
         return self._filter is not None and self._filter.is_lacking
 
     def other_publisher(self) -> str:
-        """Return the node that publishes `selected_state` itself, or nothing."""
+        """Return the node that publishes `selected_state` itself; empty if there is none."""
         self._look()
         return min(self._others, default='')
 
     def use(self, in_use: SelectionInUse | None) -> None:
-        """Apply a selection; without one, all of a state is selected."""
+        """Apply a selection; None: all channels are selected."""
         self._filter, self._message.header.frame_id = None, ''
         if in_use is not None:
             names = layout_of(self._settings['layout'], in_use.channel_names, in_use.channels)
@@ -66,8 +66,8 @@ class StateRelay:
             self._message.header.frame_id = str(in_use.selection.number)
 
     def relay(self, header: Header, names: list[str], values: array) -> None:
-        """Take a state."""
-        # A sampler is known by its `selected_state` before its first `state` comes.
+        """Publish the selected channels of a state."""
+        # A sampler has its publisher of `selected_state` before it publishes a `state`.
         count = self._node.count_publishers(self._publisher.topic_name)
         if not self._is_certain or count != self._num_publishers:
             self._look()
@@ -78,7 +78,7 @@ class StateRelay:
             names = self._filter.names
         elif not self._settings['pass_through_until_selected']:
             return
-        # Publishing is most of the work, also for nobody.
+        # Publishing is most of the work, even without subscribers.
         if values is not None and self._publisher.get_subscription_count():
             out = self._message
             out.header.stamp, out.name, out.position = header.stamp, names, values
@@ -89,7 +89,7 @@ class StateRelay:
         publishers = self._publishers(self._publisher.topic_name)
         self._num_publishers = len(publishers)
         others = set(publishers) - {self._node.get_fully_qualified_name()}
-        # Who is not known yet may be the sampler: what comes meanwhile is not published twice.
+        # An unknown node may be the sampler: until it is known, publish nothing twice.
         self._is_certain = bool(origins) and not any(_UNKNOWN in n for n in origins + publishers)
         self._others = {n for n in others if not origins or n in origins or _UNKNOWN in n}
 

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""The process that computes, so that the node's own process never does."""
+"""The worker process, so that the node's own process never computes."""
 
 from __future__ import annotations
 
@@ -16,22 +16,21 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from multiprocessing.connection import wait
 
-#: In a worker process, the share `done` of its job, which its parent reads.
+#: In a worker process, the completed share of its job, read by its parent.
 _shared: dict[str, ctypes.c_double] = {}
 
 
 class WorkerProcess:
-    """Run one job at a time in a process of its own, which a new one replaces if it dies.
+    """Run one job at a time in a separate process, which is replaced if it dies.
 
-    The process is spawned, since a fork would copy the middleware's locks without the threads
-    that hold them. It ignores Ctrl-C, runs at a lower priority than the robot's controllers,
-    keeps the linear algebra library to one thread, and ends when its parent does, however
-    that ends.
+    The process is spawned, because a fork would copy the middleware's locks without the threads
+    that hold them. It ignores Ctrl-C, runs at a lower priority than the robot's controllers, limits
+    the linear algebra library to one thread, and ends with its parent, even if that is killed.
 
     Parameters
     ----------
     prepare : callable
-        What every new process does first, so that a job need not: loading, compiling.
+        Called first in each new process, to load and compile code before the first job.
 
     """
 
@@ -45,45 +44,45 @@ class WorkerProcess:
 
     @property
     def progress(self) -> float:
-        """Share of the newest job that is done, from 0 to 1, as far as it told."""
+        """Reported progress of the newest job, 0 to 1."""
         return self._done.value
 
     @property
     def busy(self) -> bool:
-        """Whether a job was submitted and its outcome not yet collected."""
+        """Whether there is a job whose outcome has not been collected."""
         return self._future is not None
 
     @property
     def pid(self) -> int | None:
-        """Process id, or None when no process runs."""
+        """Process id, or None if no process is running."""
         alive = self._process is not None and self._process.is_alive()
         return self._process.pid if alive else None
 
     def start(self) -> None:
-        """Start the process before there is a job, which then finds it prepared.
+        """Start the process before the first job.
 
         Raises
         ------
         OSError
-            If the system gives no process.
+            If the process cannot be started.
 
         """
         self._submit(os.getpid)
 
     def submit(self, function: Callable, *args) -> None:
-        """Start a job; `function`, its arguments and its result have to be picklable.
+        """Start a job; `function`, its arguments and its result must be picklable.
 
         Raises
         ------
         RuntimeError
-            If a job is under way.
+            If a job is running.
         OSError
-            If the system gives no process.
+            If the process cannot be started.
 
         """
         if self.busy:
-            raise RuntimeError('a job is under way; collect its outcome first')
-        if self.pid is None:  # None has run yet, or it died while it was idle.
+            raise RuntimeError('a job is running; collect its outcome first')
+        if self.pid is None:  # Not started yet, or it died while idle.
             self.stop()
         try:
             self._future = self._submit(function, *args)
@@ -92,10 +91,10 @@ class WorkerProcess:
             self._future = self._submit(function, *args)
 
     def outcome(self) -> Future | None:
-        """Return the finished job, once, or None while there is none.
+        """Return the finished job once; None if there is none.
 
-        The result of the future is that of the function. Its exception is that of the
-        function, or `BrokenProcessPool` if the process died.
+        The future has the result or the exception of the function, or `BrokenProcessPool` if the
+        process died.
         """
         if self._future is None or not self._future.done():
             return None
@@ -105,11 +104,11 @@ class WorkerProcess:
         return future
 
     def stop(self) -> None:
-        """End the process at once, whatever it is doing."""
+        """Kill the process."""
         if self._process is not None:
             self._process.kill()
         if self._pool is not None:
-            # Nobody reads what is on its way, for which old Pythons would wait (gh-94777).
+            # Nobody reads pending results, for which old Pythons would wait (gh-94777).
             self._pool._call_queue._reader.close()
             self._pool.shutdown(wait=True, cancel_futures=True)
         self._pool = self._process = self._future = None
@@ -118,7 +117,7 @@ class WorkerProcess:
         self._done.value = 0.0
         if self._pool is not None:
             return self._pool.submit(function, *args)
-        # A worker is killed, and Python's tracker then removes what it shared, which is no news.
+        # Python's resource tracker cleans up after a killed worker; its warning is noise.
         quiet = 'ignore:resource_tracker:UserWarning'
         if quiet not in sys.warnoptions:
             sys.warnoptions.append(quiet)
@@ -131,22 +130,22 @@ class WorkerProcess:
         others = set(multiprocessing.active_children())
         with _inherited():
             future = self._pool.submit(function, *args)
-        # None if it is dead already, which its future then tells.
+        # None if it is dead already; its future then says so.
         self._process = next(iter(set(multiprocessing.active_children()) - others), None)
         return future
 
 
 def report_progress(fraction: float) -> None:
-    """Tell the parent of this worker process what share of the job is done."""
+    """Report the completed share of the job to the parent of this worker process."""
     _shared['done'].value = fraction
 
 
 @contextmanager
 def _inherited() -> Iterator[None]:
-    """Make what a new process inherits from this one.
+    """Set what a new process inherits.
 
-    No Ctrl-C, which reaches the whole terminal group: a process that is still importing would print
-    a traceback. And one thread for the linear algebra, which reads that when it is imported.
+    Ctrl-C is ignored: it reaches the whole terminal group, and a process that is still importing
+    would print a traceback. Linear algebra gets one thread, a setting that is read on import.
     """
     blocked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     names = [f'{library}_NUM_THREADS' for library in ('OPENBLAS', 'MKL', 'OMP', 'BLIS')]
@@ -169,7 +168,7 @@ def _initialize(done: ctypes.c_double, prepare: Callable[[], None]) -> None:
 
 
 def end_with_parent() -> None:
-    """Have this process end as soon as the one that started it does, however that ends."""
+    """End this process as soon as its parent ends, even if the parent is killed."""
 
     def watch():
         wait([multiprocessing.parent_process().sentinel])

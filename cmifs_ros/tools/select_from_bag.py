@@ -251,7 +251,7 @@ def _write(
     written[0].write_text(json.dumps(fields_of(selection, topics), indent=1) + '\n')
     draw_ranking(selection).savefig(written[1], dpi=150)
     if options.episodes_file:
-        # A selector that starts with a selection of nothing would publish nothing.
+        # A selector that starts with a selection without channels would publish nothing.
         kept = selection if selection.indices else None
         saved = episode_file.Saved(
             pool.channel_names, pool.episodes, kept, time.time(), action_names=pool.action_names

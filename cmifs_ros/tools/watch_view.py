@@ -200,7 +200,7 @@ def _selection_lines(snapshot: Snapshot):
     if selection is not None:
         yield from map(_plain, _facts(selection))
     if snapshot.unreadable:
-        yield _plain(f'the topic selection cannot be read: {snapshot.unreadable[:_MAX_REASON]}')
+        yield _plain(f'the topic cannot read a selection: {snapshot.unreadable[:_MAX_REASON]}')
     worker = f'worker {values.get("worker", "?")}'
     if values.get('worker') == 'computing':
         worker += f' for {values.get("computing for s", "?")} s'

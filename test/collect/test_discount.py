@@ -22,9 +22,9 @@ def test_a_factor_is_of_the_step_itself():
 @pytest.mark.parametrize(
     ('gamma', 'step_seconds', 'said'),
     [
-        (0.95, nan, 'gamma 0.95 a step: half of a reward counts after 13.5 steps'),
-        (0.5, 0.2, 'gamma 0.5 a step of 0.2 s: half of a reward counts after 1 steps, 0.2 s'),
-        (1.0, 0.2, 'gamma 1 a step of 0.2 s: rewards count in full, however late'),
+        (0.95, nan, 'gamma 0.95 per step: a reward counts half after 13.5 steps'),
+        (0.5, 0.2, 'gamma 0.5 per step of 0.2 s: a reward counts half after 1 steps, 0.2 s'),
+        (1.0, 0.2, 'gamma 1 per step of 0.2 s: late rewards count in full'),
     ],
 )
 def test_what_a_discount_means_is_told(gamma, step_seconds, said):
@@ -33,7 +33,7 @@ def test_what_a_discount_means_is_told(gamma, step_seconds, said):
 
 @pytest.mark.parametrize(
     ('half_life', 'step_seconds', 'said'),
-    [(2.0, nan, 'of which there are no two'), (0.001, 1.0, 'leaves nothing of a reward after a')],
+    [(2.0, nan, 'but no episode has two steps'), (0.001, 1.0, 'discounts a reward to 0 within a step of')],
 )
 def test_a_half_life_needs_steps_that_fit(half_life, step_seconds, said):
     with pytest.raises(ValueError, match=said):

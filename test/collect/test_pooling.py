@@ -41,8 +41,8 @@ def test_a_second_recorder_that_began_later_adds_only_what_the_first_lacks():
     # The first has 300 steps; of the second's windows, from 53 on, those from 303 on are new.
     assert len(pool.episodes) == 12 + 3
     assert pool.notes == [
-        'b has 247 steps of a a second time',
-        'b: 10 of 13 episodes left out, as they were recorded twice',
+        'b has 247 steps of a for a second time',
+        'b: 10 of 13 episodes left out, because they were recorded twice',
     ]
 
 
@@ -107,11 +107,11 @@ def test_bags_without_actions_are_left_out_where_most_have_some_else_all_do_with
     many, few = recorded(drive(0, 100)), recorded(drive(1, 50), 1000)
     pool = pooled([('a', acting(many)), ('b', few)])
     assert (len(pool.episodes), pool.action_names) == (4, ('turn',))
-    assert pool.notes == ['4 of 6 episodes have an action at every step: the others are left out']
+    assert pool.notes == ['4 of 6 episodes have an action at every step: the others are not used']
     pool = pooled([('a', many), ('b', acting(few))])
     assert (len(pool.episodes), pool.action_names) == (6, ())
     assert {episode.actions.shape for episode in pool.episodes} == {(25, 0)}
-    assert pool.notes == ['2 of 6 episodes have an action at every step: selected without actions']
+    assert pool.notes == ['2 of 6 episodes have an action at every step: actions are not used']
 
 
 def test_bags_of_other_actions_are_refused():

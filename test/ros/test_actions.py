@@ -81,7 +81,7 @@ def test_where_most_episodes_lack_actions_none_is_used_and_that_is_told(start, r
         assert reply['episodes'] == 30
     else:
         assert reply['error'].startswith("target is 'action', but the episodes have no actions")
-    assert 'of 30 episodes have an action at every step: selected without actions' in node.output
+    assert 'of 30 episodes have an action at every step: actions are not used' in node.output
     assert 'an episode has an action at some of its steps only' in node.output
 
 

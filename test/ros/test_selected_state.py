@@ -127,7 +127,7 @@ def test_full_places_stopping_and_nothing_before_the_selection(start, robot, rob
     select(7, 'b')
     until_newest(robot, CHANNELS, [nan, 2, nan], 7)
     topics.silence('b')
-    said = 'selected_state stops, as it lacks b: silent for more than its max_age, 1 s'
+    said = 'selected_state stops; missing: b: silent for more than its max_age, 1 s'
     robot.until(lambda: robot.diagnostics[SELECTED][:2] == (WARN, said))
     robot.selected.clear()
     topics.speak('b', 5.0)

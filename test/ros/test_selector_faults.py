@@ -137,7 +137,7 @@ def test_simulated_time_is_only_shown_and_never_waited_for(start, robot):
 
 
 def test_a_reward_that_never_comes_is_told(selector, robot):
-    robot.until(lambda: robot.diagnostics[INPUT][:2] == (WARN, 'no state has come yet'))
+    robot.until(lambda: robot.diagnostics[INPUT][:2] == (WARN, 'no state has arrived yet'))
     for stamp in range(1, 1201):
         robot.publish_state(stamp, NAMES, [1.0, 2.0, 3.0])
         robot.executor.spin_once(timeout_sec=0)

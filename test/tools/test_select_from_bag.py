@@ -129,7 +129,7 @@ def test_topics_cannot_be_told_without_a_robot_file(tmp_path, capsys):
     [
         ('', (), 'gamma 0.95 a step of 0.1 s'),
         ('', ('--gamma', '1'), 'gamma 1 a step of 0.1 s: rewards count in full'),
-        ('', ('--half-life', '0.2'), 'gamma 0.7071 a step of 0.1 s: half of a reward counts after '
+        ('', ('--half-life', '0.2'), 'gamma 0.7071 per step of 0.1 s: a reward counts half after '
          '2 steps, 0.2 s'),
         ('discount: {half_life: 0.1}', (), 'gamma 0.5 a step of 0.1 s'),
         ('discount: {half_life: 0.1}', ('--gamma', '0.8'), 'gamma 0.8 a step of 0.1 s'),
@@ -232,7 +232,7 @@ def spoilt(path, how):
     [
         ('missing', 'does not exist'),
         ('foreign', 'cannot be read as a bag'),
-        ('truncated', 'cut off is mended by `mcap recover` (MCAP)'),
+        ('truncated', 'repair a truncated bag with `mcap recover` (MCAP)'),
         ('without metadata', 'or `ros2 bag reindex`'),
         ('short', '1 whole episode; expected at least 20'),
     ],
@@ -252,7 +252,7 @@ def test_ends_that_never_come_or_that_last_are_told(tmp_path, capsys):
     options = [str(tmp_path / 'bag'), '--robot', str(file), '--out', str(tmp_path)]
     file.write_text(ROBOT.replace('steps: 5', 'terminated: x > 100'))
     assert main(options) == 1
-    assert 'no end in 41 steps: say what ends an episode' in capsys.readouterr().err
+    assert 'no end in 41 steps: define when an episode ends' in capsys.readouterr().err
     file.write_text(ROBOT.replace('steps: 5', 'terminated: x > 0'))
     main(options)
     is_over = states[:, 0] > 0
@@ -406,7 +406,7 @@ def test_a_bag_and_its_copy_count_once(tmp_path, robot, capsys):
     write_bag(tmp_path / 'copy', 151)
     bags = [str(tmp_path / 'bag'), str(tmp_path / 'copy')]
     assert main([*bags, '--robot', robot, '--out', str(tmp_path)]) == 0
-    assert '25 of 25 episodes left out, as they were recorded twice' in capsys.readouterr().out
+    assert '25 of 25 episodes left out, because they were recorded twice' in capsys.readouterr().out
     assert json.loads((tmp_path / 'selection.json').read_text())['episodes'] == 25
 
 

@@ -141,7 +141,7 @@ def test_the_sampler_beside_the_selector_is_shown_and_not_taken_for_it(start, wa
     terminal.expect('sampler.*/odom')  # alone, it is shown all the same
     start(40, 'selector_node')
     terminal.expect('/selector ')
-    terminal.expect('/odom .*no message came')
+    terminal.expect('/odom .*no message arrived')
     terminal.sendintr()
     terminal.expect(pexpect.EOF)
     terminal.close()

@@ -78,7 +78,7 @@ def test_redundant_sensors_are_named():
 def test_a_selection_that_cannot_be_read_is_said_to_be():
     text = text_of(snapshot(selection=None, unreadable="ValueError('a selection of version 2')"))
     text = ' '.join(text.split())
-    assert "the topic selection cannot be read: ValueError('a selection of version 2')" in text
+    assert "the topic cannot read a selection: ValueError('a selection of version 2')" in text
 
 
 def test_levels_are_told_by_words_not_by_colour_alone():
@@ -109,7 +109,7 @@ def test_the_sampler_is_shown_with_the_topics_that_are_not_well():
     sampler = {
         'steps': Status(
             1,
-            'of the last 9 steps, 9 lack battery: no message; they break episodes',
+            'of the last 9 steps, 9 lack battery: no message; this breaks episodes',
             {'steps': '12', 'steps per s': '4.0'},
         ),
         '/odom': Status(0, 'received', {}),

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""Give each step its action, by the stamp of its state, before an episode is built of it."""
+"""Give each step its action, by the stamp of its state, before it enters an episode."""
 
 from __future__ import annotations
 
@@ -18,41 +18,41 @@ from cmifs_ros.core.words import counted, listed
 
 from .builder import EpisodeBuilder, RewardSample
 
-#: Steps that wait for their actions, or actions for their steps; as many as subscriptions queue.
+#: Steps that may wait for actions, and actions for steps; as many as the subscriptions queue.
 _MAX_WAITING = 1000
-#: Seconds for which a step waits in vain: the middleware sends again what it lost after 3 s.
+#: Seconds that a step waits; the middleware resends a lost message after 3 s.
 _PATIENCE = 5.0
 
 
 class _Waiting(NamedTuple):
-    """What the builder is told in its turn; if it is a step, with its stamp."""
+    """A pending call of the builder; with a stamp if it is a step."""
 
     hand_on: Callable
     stamp: int | None = None
 
 
 class ActionPairing:
-    """Hand steps on to a builder, with their actions where there are any.
+    """Pass steps to a builder, with their actions if there are any.
 
-    A step waits until its action is here, or a later one, or until it waits in vain. Where nobody
-    publishes actions, no step waits.
+    A step waits until its action or a later one has arrived, but not forever. If nobody publishes
+    actions, no step waits.
 
     Parameters
     ----------
     builder : EpisodeBuilder
     drop : callable
-        Called with the cause and a sentence for each action that is of no use.
+        Called with the cause and a message for each unusable action.
 
     Attributes
     ----------
     are_published : callable
-        Tells, when an episode begins, whether to wait for its actions.
+        Returns, when an episode begins, whether to wait for its actions.
     names : tuple of str
-        Of the values of an action: those of the first; empty while there was none.
+        Names of the values of an action, from the first one; empty before it.
     tolerance : int
         Nanoseconds by which the stamps of a state and its action may differ.
     num_without : int
-        Steps without an action, since the first action.
+        Steps without an action since the first action.
 
     """
 
@@ -64,12 +64,14 @@ class ActionPairing:
         self.clear()
 
     def clear(self) -> None:
-        """Forget the names and all that waits; keep the count."""
+        """Forget the names and everything that waits; keep the count."""
         self.names: tuple[str, ...] = ()
         self._expects = self._has_given_up = False
         self._actions: dict[int, array] = {}
-        self._num_actions, self._newest = 0, -1  # How many there were, and the stamp of the last.
-        self._seen: tuple | None = None  # At the last look, the same since then:
+        self._num_actions, self._newest = 0, -1  # Their number, and the stamp of the last one.
+        self._seen: tuple | None = (
+            None  # State at the last call of `look`, and how long it has been the same:
+        )
         self._seen_at = inf
         self._waiting: deque[_Waiting] = deque()
 
@@ -79,19 +81,19 @@ class ActionPairing:
         return len(self._waiting)
 
     def stop_waiting(self) -> list[Episode]:
-        """Hand on all that waits, as no action is to come; return what episodes are complete."""
+        """Pass on everything that waits, because no action will come; return complete episodes."""
         self._expects, self._has_given_up = False, True  # Until there is one.
         return self._release()
 
     def look(self, now: float) -> list[Episode]:
-        """Stop waiting if nothing has moved for some seconds; to be called about once a second."""
+        """Stop waiting if nothing has moved for some seconds; called about once a second."""
         seen = (self._waiting[0].stamp, self._num_actions) if self._waiting else None
         if seen is None or seen != self._seen:
             self._seen, self._seen_at = seen, now
         return self.stop_waiting() if now - self._seen_at > _PATIENCE else []
 
     def set_back(self, last: int) -> list[Episode]:
-        """Begin anew, as time was set back from this stamp; return what episodes are complete."""
+        """Start over, because time was set back from this stamp; return complete episodes."""
         self._actions = {stamp: a for stamp, a in self._actions.items() if stamp < last}
         self._newest = self._newest if self._newest < last else -1
         episodes = self.stop_waiting() if self._waiting else []
@@ -102,7 +104,7 @@ class ActionPairing:
     def add_action(
         self, stamp: int, names: Sequence[str], values: Sequence[float]
     ) -> list[Episode]:
-        """Take an action; return the episodes that it completes."""
+        """Add an action; return the episodes that it completes."""
         problem = self._problem_of(names, values)
         if problem is not None:
             self._drop(*problem)
@@ -117,7 +119,7 @@ class ActionPairing:
         return self._release()
 
     def add(self, state: Sequence[float], sample: RewardSample, stamp: int) -> list[Episode]:
-        """Hand a step on, as soon as its action is known; return what episodes are complete."""
+        """Pass a step on as soon as its action is known; return complete episodes."""
         if not self._waiting and not self._builder.num_open_steps and not self._has_given_up:
             self._expects = self._expects or self.are_published()
         hand_on = partial(self._builder.add, state, sample, stamp)
@@ -125,7 +127,7 @@ class ActionPairing:
         return self.stop_waiting() if len(self._waiting) > _MAX_WAITING else self._release()
 
     def tell(self, what: Callable[[], None]) -> None:
-        """Call something of the builder when all steps before were handed on."""
+        """Call a method of the builder after all earlier steps were passed on."""
         if self._waiting:
             self._waiting.append(_Waiting(what))
         else:
@@ -161,7 +163,7 @@ class ActionPairing:
         return nearest if is_near else None
 
     def _problem_of(self, names, values) -> tuple[str, str] | None:
-        """Return the cause and a sentence if an action is of no use."""
+        """Return the cause and a message if an action is unusable."""
         if len(names) != len(values) or not names:
             values_for_names = f'{counted(len(values), "value")} for {counted(len(names), "name")}'
             return 'malformed_action', f'an action has {values_for_names}'

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""Join steps to whole episodes: one that misses a step is dropped, and counted by its cause."""
+"""Build episodes from steps; an episode that lacks a step is dropped and counted by cause."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from .end_counts import EndCounts
 
 
 class RewardSample(NamedTuple):
-    """The reward of one step and what its publisher says of the step; None: says nothing."""
+    """The reward of one step, with the other fields of its message; None if not given."""
 
     reward: float
     terminated: bool | None = None
@@ -28,7 +28,7 @@ class RewardSample(NamedTuple):
 
     @property
     def marks_ends(self) -> bool:
-        """Whether the publisher tells where an episode ends."""
+        """Whether the publisher marks the ends of episodes."""
         return self.terminated is not None or self.truncated is not None
 
     @property
@@ -38,37 +38,37 @@ class RewardSample(NamedTuple):
 
     @property
     def end(self) -> str:
-        """How it ends the episode, if it does."""
+        """The kind of end, terminated or truncated; empty if it does not end the episode."""
         return 'terminated' if self.terminated else 'truncated'
 
 
 class EpisodeBuilder:
-    """Build episodes of steps that come in order.
+    """Build episodes from steps in order.
 
-    An episode with a lost step is dropped, counted, and building goes on with the next one. Step 0
-    begins an episode; where nothing else tells of ends, it ends the one before.
+    An episode with a lost step is dropped and counted; building continues with the next one. Step 0
+    begins an episode; if ends are not marked, it also ends the previous one.
 
     Parameters
     ----------
     max_episode_steps : int
-        An episode that reaches this length is closed there as truncated.
+        An episode is closed as truncated at this length.
     max_episode_bytes : int, optional
-        So is one whose arrays would become larger than this; at least 1 MB.
+        An episode is closed before its arrays exceed this size; at least 1 MB.
 
     Attributes
     ----------
     dropped : collections.Counter
-        Episodes that were dropped, by cause.
+        Number of dropped episodes by cause.
     last_drops : dict of str to str
-        By cause, the most recent of them in words.
+        By cause, a message about the most recent one.
     num_cut : int
-        Episodes closed at `max_episode_steps` or `max_episode_bytes`.
+        Number of episodes closed at `max_episode_steps` or `max_episode_bytes`.
     num_partly_acting : int
-        Episodes whose actions were left out, as some of their steps have none.
+        Number of episodes without actions because some of their steps have none.
     ends : EndCounts
-        Episodes by the end that was seen, terminated or truncated, and which of these were lost.
+        Episodes by kind of end, and how many of each kind were lost.
     stamps : list of numpy.ndarray of int, or None
-        If it is a list, the stamps of the steps of each episode are added to it.
+        If a list, the stamps of each episode's steps are appended to it.
 
     """
 
@@ -80,7 +80,7 @@ class EpisodeBuilder:
         self.last_drops: dict[str, str] = {}
         self.ends = EndCounts()
         self.stamps: list[np.ndarray] | None = None
-        self._distances: deque[int] = deque(maxlen=1000)  # From one step to the next.
+        self._distances: deque[int] = deque(maxlen=1000)  # Times between steps.
         self.clear()
 
     def clear(self) -> None:
@@ -88,7 +88,7 @@ class EpisodeBuilder:
         self._forget_open()
         self._previous: RewardSample | None = None
         self._skipping = False
-        self._broken_by = 'joined_midway'  # The cause for which steps are skipped.
+        self._broken_by = 'joined_midway'  # Why steps are skipped.
         self._was_cut = False
 
     @property
@@ -98,7 +98,7 @@ class EpisodeBuilder:
 
     @property
     def step_seconds(self) -> float:
-        """The median time from one step to the next, lately; NaN if no episode has two."""
+        """Median time between recent steps; NaN if no episode has two."""
         return float(np.median(self._distances)) / 1e9 if self._distances else math.nan
 
     def add(
@@ -108,7 +108,7 @@ class EpisodeBuilder:
         stamp: int,
         action: Sequence[float] = (),
     ) -> list[Episode]:
-        """Add a step to the open episode, or begin one with it; return what it completes.
+        """Add a step to the open episode or begin one with it; return completed episodes.
 
         Parameters
         ----------
@@ -162,7 +162,7 @@ class EpisodeBuilder:
         return completed
 
     def skip(self, sample: RewardSample) -> None:
-        """Take the reward of a step whose state is lost: its episode is."""
+        """Take a reward whose state is lost; its episode is lost, too."""
         self.break_off('lost_state', 'an episode has a reward without its state')
         if sample.ends_episode:
             self.ends.add_lost(sample.end, self._broken_by)
@@ -170,13 +170,13 @@ class EpisodeBuilder:
         self._previous = sample
 
     def set_back(self) -> None:
-        """Begin anew, as time was set back: the open episode is dropped, if there is one."""
+        """Drop the open episode, if any, because time was set back."""
         self._was_cut = False
         if self._open_rewards:
             self.break_off('time_backwards', 'a transition is older than the one before')
 
     def break_off(self, cause: str, what: str) -> None:
-        """Drop the episode under way; skip its rest."""
+        """Drop the open episode; skip its remaining steps."""
         if not self._skipping:
             self._broken_by = cause
             self.dropped[cause] += 1
@@ -216,5 +216,5 @@ class EpisodeBuilder:
 
 def _follows(sample: RewardSample, previous: RewardSample) -> bool:
     if sample.step is None:
-        return True  # Without step numbers no gap can be seen.
+        return True  # Without step numbers, gaps are invisible.
     return previous.step is not None and sample.step == previous.step + 1

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""How episodes ended, and how many of each kind of end were lost.
+"""Count how episodes ended, and how many of each kind of end were lost.
 
-Losses that depend on how an episode ends leave the survivors, of which one learns the wrong thing.
+If losses depend on how an episode ends, the remaining episodes are biased.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from collections import Counter
 
 from cmifs_ros.core.words import listed
 
-#: Losses are said to depend on the end from so many on, if the shares differ by more than this.
+#: Losses depend on the end if at least this many are lost and the shares differ by more than this.
 _FEW, _DIFFERENCE = 3, 0.2
 
 
@@ -21,9 +21,9 @@ class EndCounts:
     Attributes
     ----------
     ended : collections.Counter
-        All whose end was seen, by its kind.
+        Number of episodes with a known end, by kind.
     lost, shortened : dict of str to collections.Counter
-        By kind, how many are lost, and why; and of how many the last steps are, and why.
+        By kind of end, numbers by cause: of lost episodes, and of those without their last steps.
 
     """
 
@@ -33,30 +33,30 @@ class EndCounts:
         self.shortened: dict[str, Counter[str]] = {}
 
     def add(self, kind: str) -> None:
-        """Count an episode that is whole."""
+        """Count a complete episode."""
         self.ended[kind] += 1
 
     def add_lost(self, kind: str, why: str) -> None:
-        """Count an episode that is lost."""
+        """Count a lost episode."""
         self.ended[kind] += 1
         self.lost.setdefault(kind, Counter())[why] += 1
 
     def add_shortened(self, kind: str, why: str) -> None:
-        """Count an episode that is kept without its last steps."""
+        """Count an episode kept without its last steps."""
         self.ended[kind] += 1
         self.shortened.setdefault(kind, Counter())[why] += 1
 
     def num_lost(self, kind: str) -> int:
-        """Return how many episodes of a kind of end are lost."""
+        """Return the number of lost episodes with a kind of end."""
         return self.lost[kind].total() if kind in self.lost else 0
 
     def dropped_in_words(self) -> dict[str, int]:
-        """Return a sentence for each kind of end of which something was dropped, and how often."""
+        """Return messages about losses by kind of end, with their counts."""
         said = {self._lost_in_words(kind): self.num_lost(kind) for kind in self.lost}
         for kind, reasons in self.shortened.items():
             what = (
                 f'last steps of episodes that ended by `{kind}`: {listed(list(reasons))}; their '
-                f'rewards count at the last whole step (of {self.ended[kind]} that ended so)'
+                f'rewards count at the last complete step (of {self.ended[kind]} that ended so)'
             )
             said[what] = reasons.total()
         return said
@@ -71,7 +71,7 @@ class EndCounts:
         return f'episodes that ended by `{kind}`: {why}; {how_many} left{rest}'
 
     def problem(self) -> str:
-        """Return where losses depend on how an episode ends, or nothing."""
+        """Return a message if losses depend on how an episode ends; otherwise empty."""
         for kind in self.lost:
             ended, others = self.ended[kind], self.ended.total() - self.ended[kind]
             lost, all_lost = self.num_lost(kind), sum(map(self.num_lost, self.ended))

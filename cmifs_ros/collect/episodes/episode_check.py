@@ -11,8 +11,8 @@ from cmifs_ros.core.words import counted
 #: With fewer episodes hardly any sensor can be confirmed; equal to the selector's min_episodes.
 FEW = 20
 _SAY_ENDS = (
-    'say what ends an episode, by `episode` in the robot file (`steps: 25` gives windows of 25 '
-    'steps) or by `terminated` and `truncated` in the reward messages'
+    'define when an episode ends: `episode` in the robot file (`steps: 25` gives windows of 25 '
+    'steps), or `terminated` and `truncated` in the reward messages'
 )
 
 

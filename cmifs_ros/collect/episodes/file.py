@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""Writes the file of episodes; `file_format` says what is in it."""
+"""Write the file of episodes; `file_format` describes it."""
 
 from __future__ import annotations
 
@@ -21,35 +21,35 @@ from .file_format import CHUNK, MAGIC, VALUE, VERSION, RecordHeader, Saved
 
 
 class EpisodeFile:
-    """A file of episodes: written beside its path, put in its place, then appended to.
+    """A file of episodes: written next to its path, moved into place, then appended to.
 
-    Beside the file itself there is `path` with `.tmp` added, until it is put in place.
+    Until it is moved into place, it is called `path` with `.tmp` added.
 
     Parameters
     ----------
     path : path-like
     saved : Saved
-        What it begins with, which is on the disk itself when the object is made.
+        Initial contents, which are on disk when the constructor returns.
 
     Attributes
     ----------
     channel_names : tuple of str or None
     action_names : tuple of str
     first_size, size : int
-        Bytes at the beginning and now.
+        Initial and current size in bytes.
 
     Raises
     ------
     OSError
-        If it cannot be written; nothing is left of it then.
+        If it cannot be written; the partial file is removed.
 
     """
 
     def __init__(self, path: str | os.PathLike, saved: Saved):
         self.channel_names, self.action_names = saved.channel_names, saved.action_names
         self._path, self._temporary = os.fspath(path), f'{os.fspath(path)}.tmp'
-        Path(self._temporary).unlink(missing_ok=True)  # of a process that was killed
-        # O_EXCL follows no link that somebody else has put there.
+        Path(self._temporary).unlink(missing_ok=True)  # left by a process that was killed
+        # O_EXCL does not follow a link that somebody else placed there.
         flags = os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC
         self._descriptor = os.open(self._temporary, flags, 0o600)
         self.size = 0
@@ -66,9 +66,9 @@ class EpisodeFile:
         self.first_size = self.size
 
     def append(self, content: bytes) -> None:
-        """Add bytes, such as a `record`, to the end: all of them or, with an OSError, none.
+        """Append bytes, such as a `record`: all of them or, with an OSError, none.
 
-        A process that is killed afterwards has not lost them; a machine has, until `sync`.
+        They survive the end of the process; until `sync`, they do not survive a power failure.
         """
         try:
             rest = memoryview(content)
@@ -81,25 +81,25 @@ class EpisodeFile:
         self.size += len(content)
 
     def sync(self) -> None:
-        """Wait until all of it is on the disk itself."""
+        """Wait until everything is on disk."""
         os.fsync(self._descriptor)
 
     def put_in_place(self) -> None:
-        """Let it take the place of an older one, at once."""
+        """Replace the older file atomically."""
         os.replace(self._temporary, self._path)
 
     def close(self) -> None:
-        """Append no more."""
+        """Close the file."""
         os.close(self._descriptor)
 
     def discard(self) -> None:
-        """Close and remove it, before it was put in place."""
+        """Close and remove the file before it was moved into place."""
         self.close()
         Path(self._temporary).unlink(missing_ok=True)
 
 
 def write(path: str | os.PathLike, saved: Saved) -> None:
-    """Write a file in the place of another at once, or leave that as it was.
+    """Replace a file atomically, or leave it unchanged.
 
     Raises
     ------
@@ -114,7 +114,7 @@ def write(path: str | os.PathLike, saved: Saved) -> None:
 
 
 def sync_folder(path: str | os.PathLike) -> None:
-    """Wait until a file that was put in place is so on the disk itself."""
+    """Wait until the renaming of a file is on disk."""
     folder = os.open(os.path.dirname(os.fspath(path)) or '.', os.O_RDONLY | os.O_DIRECTORY)
     try:
         os.fsync(folder)
@@ -123,7 +123,7 @@ def sync_folder(path: str | os.PathLike) -> None:
 
 
 def set_aside(path: str | os.PathLike) -> str:
-    """Rename a file to a free name beside it and return that.
+    """Rename a file to a free name next to it, and return the new name.
 
     Raises
     ------
@@ -142,7 +142,7 @@ def set_aside(path: str | os.PathLike) -> str:
 
 
 def record(episode: Episode) -> bytes:
-    """Return what appends an episode to a file of its channels and actions."""
+    """Return the bytes that append an episode to a file with its channels and actions."""
     source = episode.source.encode(errors='surrogateescape')
     header = RecordHeader(len(episode), episode.actions.shape[1], len(source)).packed()
     content = b''.join([header, source, *_arrays(episode)])
@@ -150,10 +150,9 @@ def record(episode: Episode) -> bytes:
 
 
 def _chunks(saved: Saved) -> Iterator[bytes]:
-    """Yield what a file begins with in large pieces, without the checksum.
+    """Yield the initial contents of a file in large pieces, without the checksum.
 
-    To hash and write these leaves the interpreter to other threads, while each small one would
-    take it from them.
+    Hashing and writing large pieces releases the interpreter lock; many small ones would not.
     """
     selection = saved.selection
     places = {source: i for i, source in enumerate(dict.fromkeys(e.source for e in saved.episodes))}

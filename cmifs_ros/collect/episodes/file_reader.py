@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""Reads the file of episodes; `file_format` says what is in it."""
+"""Read the file of episodes; `file_format` describes it."""
 
 from __future__ import annotations
 
@@ -36,29 +36,29 @@ from .file_format import (
 
 
 class RefusedFileError(ValueError):
-    """A file cannot be used; the message names it and says why."""
+    """A file is unusable; the message names it and says why."""
 
 
 def read_episodes(
     path: str | os.PathLike, max_episodes: int | None = None, max_bytes: float = math.inf
 ) -> Saved:
-    """Return what a file holds; of its episodes the newest within the bounds.
+    """Return the contents of a file, with the newest episodes within the bounds.
 
     Parameters
     ----------
     path : path-like
         `~` is the user's home folder.
     max_episodes : int, optional
-        None: all there are.
+        None: all.
     max_bytes : float
-        Greatest size of the episodes' arrays together.
+        Greatest total size of the episodes' arrays.
 
     Raises
     ------
     RefusedFileError
-        If it is no such file, of another version, or damaged.
+        If it is not such a file, has another version, or is damaged.
     OSError
-        If it cannot be read; FileNotFoundError if there is none.
+        If it cannot be read; FileNotFoundError if it does not exist.
 
     """
     try:
@@ -69,7 +69,7 @@ def read_episodes(
 
 
 class _Place(NamedTuple):
-    """Where an episode stands: its first byte, and what it consists of."""
+    """The place of an episode: its first byte and its shape."""
 
     begin: int
     length: int
@@ -99,10 +99,10 @@ def _read(file: BinaryIO, max_episodes: int | None, max_bytes: float) -> Saved:
         if is_read and fields['version'] == selection_fields.VERSION:
             selection = selection_of(fields)
             if not selection.names:
-                raise ValueError('a selection of nothing')
+                raise ValueError('a selection without channels')
         selected_at = float(header['selected_at'])
     except (ValueError, TypeError, LookupError, RecursionError, OverflowError) as error:
-        raise RefusedFileError(f'has a header that cannot be used: {error!r}') from None
+        raise RefusedFileError(f'has an invalid header: {error!r}') from None
     if described and not channel_names:
         raise RefusedFileError(f'has {counted(len(described), "episode")} without channels')
     places: deque[_Place] = deque(maxlen=max_episodes)
@@ -123,17 +123,17 @@ def _read(file: BinaryIO, max_episodes: int | None, max_bytes: float) -> Saved:
     try:
         episodes = _newest(file, places, len(channel_names), max_bytes)
     except ValueError as error:
-        raise RefusedFileError(f'has an episode that cannot be used: {error}') from None
+        raise RefusedFileError(f'has an invalid episode: {error}') from None
     return Saved(channel_names or None, episodes, selection, selected_at, size - end, action_names)
 
 
 def _described(header: dict, version: int, num_actions: int) -> list[tuple[int, int, str]]:
-    """Return length, number of actions and source of each episode before the records."""
+    """Return length, number of action values and source of each episode before the records."""
     if version < VERSION:
         return [(count_of(length, 1), 0, '') for length in list_of(header['lengths'])]
     sources = list_of(header['sources'])
     if not all(isinstance(source, str) for source in sources):
-        raise ValueError('a source that is no text')
+        raise ValueError('a source that is not a text')
     described = []
     for item in list_of(header['episodes']):
         length, actions, source = map(count_of, list_of(item))
@@ -145,7 +145,7 @@ def _described(header: dict, version: int, num_actions: int) -> list[tuple[int, 
 
 def _version(line: bytes) -> int:
     if not line.startswith(MAGIC) or not line.endswith(b'\n'):
-        raise RefusedFileError('is no episodes file of cmifs_ros')
+        raise RefusedFileError('is not an episodes file of cmifs_ros')
     version = line[len(MAGIC) : -1].decode('ascii', 'replace')
     if version not in map(str, READABLE):
         raise RefusedFileError(f'is of format version {version}; expected {VERSION}')
@@ -164,7 +164,7 @@ def _check_digest(file: BinaryIO, begin: int, end: int) -> None:
 def _next_record(
     file: BinaryIO, version: int, num_channels: int, num_actions: int
 ) -> _Place | None:
-    """Return the place of the episode of a record that begins here, None if it is not whole."""
+    """Return the place of the episode in the record that begins here; None if incomplete."""
     header_size, size = record_header_size(version), os.fstat(file.fileno()).st_size
     begin = file.tell()
     if size < begin + header_size:

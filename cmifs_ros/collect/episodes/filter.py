@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""The selected channels of a state, picked by name."""
+"""Pick the selected channels of a state by name."""
 
 from __future__ import annotations
 
@@ -8,21 +8,21 @@ import math
 from array import array
 from collections.abc import Collection, Sequence
 
-#: What is published of a state: the selected channels, or all, NaN where not selected.
+#: Channels to publish: the selected ones, or all, NaN where not selected.
 LAYOUTS = ('selected', 'full')
 
 
 def layout_of(
     layout: str, channel_names: Sequence[str], selected: Collection[str] | None
 ) -> list[str]:
-    """Return the channels that are published, in the order of the state.
+    """Return the channels to publish, in the order of the state.
 
     Parameters
     ----------
     layout : str
         One of `LAYOUTS`.
     channel_names : sequence of str
-        All of a state.
+        All channels.
     selected : collection of str or None
         None: before the first selection.
 
@@ -32,22 +32,22 @@ def layout_of(
 
 
 class StateFilter:
-    """Pick the values of some channels out of states, whatever the order of their channels.
+    """Pick the values of some channels from states with any order of channels.
 
     Parameters
     ----------
     selected : collection of str
         The channels to pick.
     names : sequence of str
-        Those to return, in this order; NaN for one that is not selected.
+        Channels to return, in this order; NaN for those not selected.
 
     Attributes
     ----------
     names : list of str
     num_lacking : int
-        States that lacked a selected channel.
+        Number of states that lacked a selected channel.
     is_lacking : bool
-        Whether the newest did.
+        Whether the newest state lacked one.
 
     """
 

@@ -201,7 +201,7 @@ class InputWatch:
         if without and not self._said_partly_acting:
             self._said_partly_acting = True
             lines.append(
-                'an episode has an action at some of its steps only, and is kept without any: '
+                'an episode has actions at some of its steps only, so it is kept without actions: '
                 'publish an action with the stamp of each state'
             )
         if self._buffer.num_repeated and not self._said_repeated:
@@ -225,7 +225,7 @@ def _problem_of_state(topics: Mapping[str, Topic]) -> Assessment | None:
             return Assessment('WARN', 'clash', what)
     state = topics['state']
     if state.silence == math.inf:
-        return Assessment('WARN', 'silent', f'no state has come yet{_without_publisher(state)}')
+        return Assessment('WARN', 'silent', f'no state has arrived yet{_without_publisher(state)}')
     if state.silence > SILENCE:
         what = f'no state for {state.silence:.0f} s{_without_publisher(state)}'
         return Assessment('STALE', 'silent', what)

@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""Pair states with rewards and actions by their stamps, for episodes to be built of.
+"""Pair states with rewards and actions by their stamps, to build episodes.
 
-Nothing here knows ROS: stamps are nanoseconds, and what is dropped is counted by cause, so
-that the node can report it and nothing disappears silently.
+Stamps are nanoseconds. Everything dropped is counted by cause, so that the node can report it.
 """
 
 from __future__ import annotations
@@ -21,9 +20,9 @@ from .action_pairing import ActionPairing
 from .builder import EpisodeBuilder, RewardSample
 from .state_reader import StateReader, problem_of_state
 
-#: States or rewards that wait for their partner; as many as the subscriptions queue.
+#: States or rewards that may wait for their partner; as many as the subscriptions queue.
 MAX_PENDING = 1000
-#: Sets of channels with which states may come before the first reward.
+#: Sets of channels that states may have before the first reward.
 MAX_LAYOUTS = 8
 
 
@@ -35,9 +34,9 @@ class Transition(NamedTuple):
 
 
 class Waiting(dict):
-    """What waits for its partner, by stamp, in the order of arrival.
+    """Messages that wait for their partner, by stamp, in the order of arrival.
 
-    That is nearly always the order of the stamps, so that those before another need no search.
+    This is nearly always the order of the stamps, so finding earlier ones needs no search.
     """
 
     _is_in_order = True
@@ -59,14 +58,14 @@ class Waiting(dict):
 class EpisodeAssembler:
     """Build episodes from states, rewards and actions that arrive as separate streams.
 
-    A state and a reward belong together when their stamps are equal, or no further apart than
-    `stamp_tolerance`. Once a pair is complete, older unpaired messages of either stream are lost
-    and counted. A pair that is older than the last one means that time was set back: the open
-    episode is dropped. A single message sent again or late changes nothing.
+    A state and a reward belong together if their stamps are equal, or differ by no more than
+    `stamp_tolerance`. When a pair is complete, older unpaired messages of either stream are
+    dropped and counted. A pair older than the last one means that time was set back: the open
+    episode is dropped. A single repeated or late message changes nothing.
 
-    Several nodes may publish parts of a state, each with channels of its own. The channels are
-    those of the state to which the first reward belongs, whichever part came first; of several
-    with its stamp, those that are most. Actions need not be there, see `ActionPairing`.
+    Several nodes may publish parts of a state, each with its own channels. The state that belongs
+    to the first reward determines the channels; if several have its stamp, the one with most
+    channels. Actions are optional, see `ActionPairing`.
 
     Parameters
     ----------
@@ -76,19 +75,19 @@ class EpisodeAssembler:
     Attributes
     ----------
     actions : ActionPairing
-        Gives the pairs their actions.
+        Adds the actions to the pairs.
     builder : EpisodeBuilder
-        Makes episodes of them.
+        Builds episodes from them.
     reader : StateReader
-        Knows the channels.
+        Reads the channels.
     stamp_tolerance : int
         Nanoseconds; more than half the time between two steps would mix them.
     num_transitions : int
-        Pairs completed so far.
+        Number of completed pairs.
     dropped_messages : collections.Counter
-        How many were dropped, by cause.
+        Number of dropped messages by cause.
     last_drops : dict of str to str
-        By cause, the most recent dropped message or episode in words.
+        By cause, a message about the most recent drop.
 
     """
 
@@ -103,7 +102,7 @@ class EpisodeAssembler:
         self.clear()
 
     def clear(self) -> None:
-        """Forget the open episode, all that waits, and the channels; keep the counts."""
+        """Forget the open episode, all waiting messages and the channels; keep the counts."""
         self.actions.clear()
         self.builder.clear()
         self.reader.clear()
@@ -115,7 +114,7 @@ class EpisodeAssembler:
 
     @property
     def num_pending(self) -> int:
-        """States and rewards that wait for their partner, and pairs for their action."""
+        """Number of messages that wait for a partner and of pairs that wait for an action."""
         waiting = (self._states, self._rewards, *self._first_states.values())
         return sum(map(len, waiting)) + self.actions.num_waiting
 
@@ -129,9 +128,9 @@ class EpisodeAssembler:
         self.reader.channel_names = names
 
     def nearest_state(self) -> int | None:
-        """Return how far the nearest state is from the newest reward that waits, in nanoseconds.
+        """Return the distance of the nearest state from the newest waiting reward, in nanoseconds.
 
-        None if there is no such reward, or no state waits.
+        None if no reward or no state waits.
         """
         if not self._rewards:
             return None
@@ -140,7 +139,7 @@ class EpisodeAssembler:
         return min((abs(stamp - newest) for stamp in stamps), default=None)
 
     def add_state(self, stamp: int, names: list[str], values: array) -> list[Episode]:
-        """Take a state; return the episodes that it completes.
+        """Add a state; return the episodes that it completes.
 
         Parameters
         ----------
@@ -148,7 +147,7 @@ class EpisodeAssembler:
             Nanoseconds.
         names : list of str
         values : array of float
-            As many as names. Both are kept, not copied: they may not change afterwards.
+            As many as names. Both are kept without copying and must not change afterwards.
 
         """
         if self.channel_names is None:
@@ -161,7 +160,7 @@ class EpisodeAssembler:
         return self._pair(stamp)
 
     def add_reward(self, stamp: int, sample: RewardSample) -> list[Episode]:
-        """Take a reward; return the episodes that it completes."""
+        """Add a reward; return the episodes that it completes."""
         stamp = self._partner_of(stamp, self._states)
         if not self._is_new(stamp, sample, self._rewards, 'reward'):
             return []
@@ -169,12 +168,12 @@ class EpisodeAssembler:
         return self._begin(stamp) if self.channel_names is None else self._pair(stamp)
 
     def drop_message(self, cause: str, what: str, count: int = 1) -> None:
-        """Count a message, or several, that cannot be used."""
+        """Count one or several unusable messages."""
         self.dropped_messages[cause] += count
         self.last_drops[cause] = what
 
     def _add_first_state(self, stamp: int, names: list[str], values: array) -> list[Episode]:
-        """Keep a state as long as no reward has told whether its channels are those that count."""
+        """Keep a state until a reward shows whether its channels are the right ones."""
         problem = problem_of_state(names, values)
         if problem is not None:
             self.drop_message(*problem)
@@ -195,7 +194,7 @@ class EpisodeAssembler:
         return self._begin(partner) if partner in self._rewards else []
 
     def _begin(self, stamp: int) -> list[Episode]:
-        """Take the channels of the state to which a reward belongs, if it is there."""
+        """Adopt the channels of the state to which a reward belongs, if it has arrived."""
         found = []
         for layout, waiting in self._first_states.items():
             partner = self._partner_of(stamp, waiting)
@@ -218,14 +217,14 @@ class EpisodeAssembler:
         self.drop_message(cause, f'no state of {listed(layout)} had the stamp of a reward', count)
 
     def _partner_of(self, stamp: int, waiting: Waiting) -> int:
-        """Return the stamp within the tolerance that waits for this one, or else this one."""
+        """Return the waiting stamp within the tolerance of this one, or this one."""
         if not self.stamp_tolerance or not waiting or stamp in waiting:
             return stamp
         nearest = min(waiting, key=lambda other: abs(other - stamp))
         return nearest if abs(nearest - stamp) <= self.stamp_tolerance else stamp
 
     def _is_new(self, stamp: int, content, waiting: Waiting, what: str) -> bool:
-        """Tell whether a message is none of those already taken, and make room for it."""
+        """Return whether a message is new; make room for it."""
         paired = self._recent.get(stamp)
         if stamp in waiting and content != waiting[stamp]:
             self.drop_message('equal_stamps', _equal_stamps(what, stamp))
@@ -250,7 +249,7 @@ class EpisodeAssembler:
             what = _equal_stamps('state', stamp)
             self.actions.tell(partial(self.builder.break_off, 'equal_stamps', what))
         elif last is not None and stamp < last:
-            # A replayed bag or a reset simulation. A single message that is late is no reason.
+            # A replayed bag or a reset simulation; a single late message does not count.
             completed = self.actions.set_back(last)
             for old in [s for s in self._states if s > last]:
                 self._discard_state(old, 'state_without_reward')
@@ -286,5 +285,5 @@ class EpisodeAssembler:
 def _equal_stamps(what: str, stamp: int) -> str:
     return (
         f'two different messages of {what} have the same stamp, {stamp} ns: each step needs one of '
-        'its own, so a simulated clock has to tick at least once a step'
+        'its own, so a simulated clock must tick at least once per step'
     )

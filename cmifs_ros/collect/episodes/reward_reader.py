@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""What a reward message says of its step, read by the names of its fields."""
+"""Read reward messages by the names of their fields."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from .pairing import RewardSample
 
 
 class RewardReader:
-    """Read reward messages, whose fields mostly stand where they stood in the one before.
+    """Read reward messages; fast if the fields are in the order of the previous message.
 
-    Only the field `reward` is required; those of other names than `RewardSample` and `Discount`
-    have, and `target`, are ignored.
+    Only `reward` is required. The fields of `RewardSample` and `Discount`, and `target`, are
+    used; others are ignored.
 
     Attributes
     ----------
     discount : Discount or None
-        That of the newest message, if it has one.
+        Discount of the newest message, if any.
     target : str or None
-        The same; in messages it is its index in `TARGETS`.
+        Target of the newest message, if any; messages contain its index in `TARGETS`.
 
     """
 
@@ -38,13 +38,13 @@ class RewardReader:
         self._target_column: int | None = None
 
     def sample_of(self, names: list[str], values: array) -> RewardSample:
-        """Return the sample of a message's names and values.
+        """Return the sample from a message's names and values.
 
         Raises
         ------
         ValueError
-            If there are not as many of both, `reward` is missing, a field is not finite, or there
-            is no such target.
+            If their numbers differ, `reward` is missing, a field is not finite, or the target is
+            unknown.
 
         """
         if len(names) != len(values):
@@ -62,7 +62,7 @@ class RewardReader:
             self._target_column = column_of.get('target')
             self._columns = [column_of.get(field) for field in RewardSample._fields]
             self._names = names
-        # One value that is not finite makes the sum so; finite ones do only if they are huge.
+        # One value that is not finite makes the sum not finite; huge values may, too.
         if not isfinite(sum(values)):
             for name, value in zip(names, values, strict=True):
                 if not isfinite(value):

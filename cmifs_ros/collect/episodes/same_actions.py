@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""Episodes of which some have actions and others none, made alike for a selection."""
+"""Reconcile episodes with and without actions for a selection."""
 
 from __future__ import annotations
 
@@ -10,27 +10,27 @@ from dataclasses import replace
 from cmifs_ros.core import Episode
 from cmifs_ros.core.words import counted
 
-#: Share of the episodes that have actions, from which on the others are left out.
+#: If at least this share of the episodes has actions, the others are left out.
 _MOST = 0.5
 
 
 def with_same_actions(episodes: Sequence[Episode], least: int = 2) -> tuple[list[Episode], str]:
-    """Return episodes that all have actions or all have none, and what was done for that.
+    """Return episodes that all have actions or all have none, and a note of what was changed.
 
-    Where most have actions, those without are left out, such as one that began before the first
-    action was received; else all do without.
+    If most have actions, those without are left out, such as one that began before the first action
+    was received. Otherwise all actions are dropped.
 
     Parameters
     ----------
     episodes : sequence of Episode
     least : int
-        Episodes to keep at least.
+        Least number of episodes to keep.
 
     Returns
     -------
     episodes : list of Episode
     note : str
-        Empty if nothing had to be done.
+        Empty if nothing was changed.
 
     """
     acting = [episode for episode in episodes if episode.actions.size]
@@ -38,5 +38,5 @@ def with_same_actions(episodes: Sequence[Episode], least: int = 2) -> tuple[list
         return list(episodes), ''
     having = f'{len(acting)} of {counted(len(episodes), "episode")} have an action at every step'
     if len(acting) >= max(least, _MOST * len(episodes)):
-        return acting, f'{having}: the others are left out'
-    return [replace(e, actions=None) for e in episodes], f'{having}: selected without actions'
+        return acting, f'{having}: the others are not used'
+    return [replace(e, actions=None) for e in episodes], f'{having}: actions are not used'

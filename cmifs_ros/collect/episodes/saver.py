@@ -35,12 +35,12 @@ class _Save:
 
 
 class EpisodeSaver:
-    """Keep a file of episodes: new episodes are appended at once, all else is saved by a thread.
+    """Keep a file of episodes: episodes are appended at once, a thread saves everything else.
 
-    An appended episode survives the killing of the process: the operating system has it and writes
-    it to disk later, for which the thread waits. A save writes a new file, with the newest contents
-    and the episodes appended meanwhile, and replaces the old one. A failed save is retried with the
-    newest contents.
+    An appended episode survives if the process is killed: the operating system has it and writes it
+    to disk later; the thread waits for that. A save writes a new file with the newest contents,
+    including episodes appended meanwhile, and replaces the old one. A failed save is retried with
+    the newest contents.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""States to the values of known channels, in one order and all of them finite."""
+"""Read states into the values of known channels, in one order and all finite."""
 
 from __future__ import annotations
 
@@ -14,40 +14,40 @@ import numpy as np
 from cmifs_ros.core.channel_names import problem_of_names
 from cmifs_ros.core.words import counted, listed
 
-#: States whose values are looked at together: one by one would take as long as all else.
+#: States that are checked together: one at a time would take as long as everything else.
 _UNSEEN = 64
 
 
 class StateReader:
-    """Take states by the names of their channels.
+    """Read states by the names of their channels.
 
-    An infinite value is a reading out of range, as a lidar gives it (REP 117): in the place of
-    +inf stands `inf_value`, of -inf the least value that the channel had so far. A NaN is a gap:
-    the value before it is held for up to `max_hold_steps` states, and then the state is of no use.
+    An infinite value is a reading out of range (REP 117): +inf is replaced by `inf_value`, -inf by
+    the least value of the channel so far. NaN is a gap: the previous value is held for up to
+    `max_hold_steps` states; after that the state is unusable.
 
     Parameters
     ----------
     drop : callable
-        Called with the cause and a sentence for each state that is of no use.
+        Called with the cause and a message for each unusable state.
 
     Attributes
     ----------
     channel_names : tuple of str or None
-        States must carry these, in any order; to be set before the first is read.
+        Required channels, in any order; set them before reading the first state.
     max_hold_steps : int
-        States in a row for which a gap is bridged; 0: none.
+        Consecutive states over which a gap is bridged; 0: none.
     inf_value : float
-        In the place of +inf; `inf` itself stands for the greatest value of the channel so far.
+        Replaces +inf; `inf` means the greatest value of the channel so far.
     num_states : int
-        States with the known channels.
+        Number of states with the known channels.
     gaps : collections.Counter
-        How many of these had no usable value, by channel.
+        Number of these without a usable value, by channel.
     foreign : list of str
-        The channels of the newest state, if they are not the known ones, and else empty.
+        The channels of the newest state if they are not the known ones; otherwise empty.
     last_foreign : list of str
-        The channels by which the last such state differed.
+        The channels in which the last such state differed.
     num_switches : int
-        How often such a state came after one with the known channels.
+        How often such a state followed one with the known channels.
 
     """
 
@@ -58,7 +58,7 @@ class StateReader:
         self.clear()
 
     def clear(self) -> None:
-        """Forget the channels and all that was counted of them."""
+        """Forget the channels and their counts."""
         self.channel_names: tuple[str, ...] | None = None
         self.num_states = 0
         self.gaps: Counter[str] = Counter()
@@ -70,7 +70,7 @@ class StateReader:
         self._last: array | None = None
         self._held: Counter[int] = Counter()
         self._bounds: tuple[np.ndarray, np.ndarray] | None = None
-        self._unseen: list[Sequence[float]] = []  # states that the bounds do not yet take in
+        self._unseen: list[Sequence[float]] = []  # states not yet included in the bounds
 
     def state_of(self, names: list[str], values: array) -> array | None:
         """Return the values in the order of the channels, or None if they cannot be used."""
@@ -83,7 +83,7 @@ class StateReader:
         if self._columns is not None:
             values = array('d', [values[column] for column in self._columns])
         self.num_states += 1
-        # One value that is not finite makes the sum so; finite ones do only if they are huge.
+        # One value that is not finite makes the sum not finite; huge values may, too.
         if not isfinite(sum(values)) and not all(map(isfinite, values)):
             values = self._mended(names, values)
             if values is None:
@@ -97,7 +97,7 @@ class StateReader:
         return values
 
     def _learn_layout(self, names: list[str]) -> bool:
-        """Take the names of a state whose successors mostly have the same, in the same order."""
+        """Look up the names of a state; the next states mostly have the same, in the same order."""
         columns = None
         if tuple(names) != self.channel_names:
             if len(names) != len(self.channel_names) or set(names) != set(self.channel_names):
@@ -148,7 +148,7 @@ class StateReader:
         return mended
 
     def _widen_bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return the least and greatest finite value of each channel; nan where there is none."""
+        """Return the least and greatest finite value of each channel; nan if there is none."""
         states = np.array(self._unseen)
         self._unseen = []
         least, greatest = np.fmin.reduce(states), np.fmax.reduce(states)
@@ -159,7 +159,7 @@ class StateReader:
 
 
 def problem_of_state(names: Sequence[str], values: Sequence[float]) -> tuple[str, str] | None:
-    """Return the cause and a sentence if a state is of no use whatever the channels are."""
+    """Return the cause and a message if a state is unusable with any channels."""
     if len(names) != len(values) or not names:
         values_for_names = f'{counted(len(values), "value")} for {counted(len(names), "name")}'
         return 'wrong_length', f'a state has {values_for_names}'

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""Arithmetic over named values, as a robot file writes it; never `eval`.
+"""The expressions of a robot file: arithmetic over named values, without `eval`.
 
-Only what is listed here is understood: everything else of Python is refused when the file is
-read. All numbers are floats, so that nothing grows beyond 8 bytes. NaN is what is not known: so is
-what is computed of it, also a comparison, unless the rest decides, as in `nan or 1`.
+Only the syntax listed here is accepted; the rest of Python is refused when the file is read. All
+numbers are floats, so none exceeds 8 bytes. NaN means unknown. It propagates, also through
+comparisons, unless the other operands decide the result, as in `nan or 1`.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from collections.abc import Callable, Mapping
 
 MAX_LENGTH = 1000
 MAX_NODES = 200
-#: Exponents are numbers no larger than this.
+#: Greatest exponent.
 MAX_POWER = 8
 
 _BINARY = {
@@ -50,10 +50,10 @@ FUNCTIONS: dict[str, tuple[Callable[..., float], int]] = {
 
 
 class Expression:
-    """An expression that was checked.
+    """A parsed expression.
 
-    Understood are numbers, names, `+ - * / **`, comparisons, `and`, `or`, `not`, the functions
-    abs, sqrt, exp, hypot, min, max, and `before(name)`: the value at the step before.
+    It may contain numbers, names, `+ - * / **`, comparisons, `and`, `or`, `not`, the functions abs,
+    sqrt, exp, hypot, min, max, and `before(name)`, the value at the previous step.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ class Expression:
     Attributes
     ----------
     names : frozenset of str
-        The values it needs, those in `before` too.
+        The values it needs, including those in `before`.
 
     Raises
     ------
@@ -77,7 +77,7 @@ class Expression:
         try:
             tree = ast.parse(text.strip(), mode='eval').body
         except (SyntaxError, ValueError, RecursionError, MemoryError):
-            raise ValueError(f'{text!r} is no expression; expected e.g. "a - 2 * b"') from None
+            raise ValueError(f'{text!r} is not an expression; expected one such as "a - 2 * b"') from None
         if sum(1 for _ in ast.walk(tree)) > MAX_NODES:
             raise ValueError(f'an expression of more than {MAX_NODES} parts; split it')
         names: set[str] = set()
@@ -87,7 +87,7 @@ class Expression:
         self._tree = tree
 
     def __call__(self, values: Mapping[str, float], before: Mapping[str, float]) -> float:
-        """Return its value; NaN where it has none, such as 1 / 0."""
+        """Return its value; NaN if undefined, such as 1 / 0."""
         try:
             return float(_value(self._tree, values, before))
         except (ArithmeticError, ValueError, TypeError):  # TypeError: a complex root.
@@ -123,7 +123,7 @@ def _check(node: ast.expr, names: set[str]) -> None:  # noqa: PLR0912
                 _check(argument, names)
         case _:
             raise ValueError(
-                f'{ast.unparse(node)[:60]!r} is not understood in an expression; expected '
+                f'{ast.unparse(node)[:60]!r} is not allowed in an expression; expected '
                 f'numbers, names, + - * / **, comparisons, and, or, not, before(name), '
                 f'{", ".join(FUNCTIONS)}'
             )

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""Where a number lies in a message: `/topic.field.sub`, `[0:360:30]`, `{name,name}`.
+"""Paths to numbers in messages: `/topic.field.sub`, `[0:360:30]`, `{name,name}`.
 
-In the middle, `.status{left motor}.level` takes of an array of messages the one called so, and
-`.poses[0].position` the first.
+Inside a path, `.status{left motor}.level` selects a message of an array by its name, and
+`.poses[0].position` by its position.
 
-Works on any object with the message's attributes, rclpy's and rosbags' alike.
+It works on any object with the attributes of the message, those of rclpy and of rosbags.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from cmifs_ros.core.words import counted, listed
 
 MAX_PARTS = 16
 _MAX_INDEX = 10**7
-#: A longer topic is refused by the middleware.
+#: The middleware refuses longer topics.
 _MAX_TOPIC = 200
 
 _TOPIC = re.compile(r'/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*')
@@ -27,28 +27,28 @@ _FIELD = re.compile(r'\.([A-Za-z][A-Za-z0-9_]*)((?:\{[^{}]+\}|\[\d+\])(?=\.))?')
 _END = re.compile(r'(?:\[(\d+)\]|\[(\d*):(\d+)(?::(\d+))?\]|\{([^{}]+)\})?')
 
 
-#: Fields by which a message in an array may be called.
+#: Fields that may name a message in an array.
 KEYS = ('name', 'key', 'child_frame_id')
 
 
 class MissingFieldError(Exception):
-    """A message lacks what a path names, or has something else there; the text says what."""
+    """A message lacks what a path names, or has another type of value there."""
 
 
 @dataclass(frozen=True)
 class FieldPath:
-    """A path that was checked.
+    """A parsed path.
 
     Attributes
     ----------
     topic : str
     fields : tuple of str
-        None for the message itself; `{text}` is the entry of an array that is called so, `[3]` the
-        one at that place.
+        Empty for the message itself; `{text}` selects an entry of an array by name, `[3]` by
+        position.
     indices : tuple of int
-        Of an array, in order.
+        Indices into an array, in order.
     names : tuple of str
-        Entries of an array that an array of names beside it orders.
+        Names of entries of an array, which an array of names next to it gives.
 
     """
 
@@ -60,7 +60,7 @@ class FieldPath:
 
     @property
     def suffixes(self) -> tuple[str, ...]:
-        """What distinguishes its values: `[0]`, `.shoulder`; one empty text for a single value."""
+        """Suffixes that distinguish its values: `[0]`, `.shoulder`; one empty text if single."""
         if len(self.names) > 1:
             return tuple(f'.{name}' for name in self.names)
         if self.is_list:
@@ -68,7 +68,7 @@ class FieldPath:
         return ('',)
 
     def __str__(self) -> str:
-        """Return the path up to its last field."""
+        """Return the path without its last field."""
         parts = (part if part[0] in '{[' else f'.{part}' for part in self.fields)
         return self.topic + ''.join(parts)
 
@@ -77,19 +77,19 @@ class FieldPath:
         return [self.as_number(value) for value in self.values_in(message)]
 
     def as_number(self, value) -> float:
-        """Return a value that was read as a number.
+        """Return a value of a message as a number.
 
-        A `byte` is b'3' in rclpy and 3 in rosbags; text that is a number counts as one.
+        A `byte` is b'3' in rclpy and 3 in rosbags; numeric text counts as a number.
 
         Raises
         ------
         MissingFieldError
-            If it is none.
+            If it is not a number.
 
         """
         if isinstance(value, bytes):
             value = value[0]
-        if isinstance(value, str) or not hasattr(value, '__len__'):  # NumPy takes `[3]` for 3.
+        if isinstance(value, str) or not hasattr(value, '__len__'):  # NumPy accepts `[3]` as 3.
             try:
                 return float(value)
             except (TypeError, ValueError):
@@ -159,14 +159,14 @@ class FieldPath:
 
 
 def names_beside(values, above: Sequence) -> list[str] | None:
-    """Return the array of texts that names the values of another, such as JointState's `name`.
+    """Return the array of texts that names the entries of another, such as JointState's `name`.
 
     Parameters
     ----------
     values : sequence
         An array of a message.
     above : sequence
-        The messages around it, the innermost last: `joint_names` may stand beside what holds it.
+        The messages that contain it, innermost last: `joint_names` may be next to one of these.
 
     """
     for message in reversed(above):
@@ -180,7 +180,7 @@ def names_beside(values, above: Sequence) -> list[str] | None:
 
 
 def _called(text: str, entries: Sequence, above: Sequence):
-    """Return the message of an array that is called so, or None."""
+    """Return the message with a name in an array, or None."""
     for entry in entries:
         if any(getattr(entry, key, None) == text for key in KEYS):
             return entry
@@ -189,7 +189,7 @@ def _called(text: str, entries: Sequence, above: Sequence):
 
 
 def described(value) -> str:
-    """Return what is found in the place of a number: a text, an array, a message."""
+    """Describe what was found instead of a number: a text, an array, a message."""
     if isinstance(value, str):
         return f'the text {value[:40]!r}'
     if hasattr(value, '__len__'):
@@ -202,14 +202,14 @@ def described(value) -> str:
 
 def _remedy(value) -> str:
     if isinstance(value, str):
-        return 'a number; of a few words, `one_hot: [word, word]` makes channels'
+        return 'a number; if it is one of a few words, use `one_hot: [word, word]`'
     if hasattr(value, '__len__'):
         return f'[0] for one entry, [0:{len(value)}] for all, or {{name}} of a JointState'
     return 'a number: name a field of it'
 
 
 def _fields(message) -> str:
-    """Return the names of a message's fields in words; constants are in capitals."""
+    """Return the names of a message's fields as text, without constants, which are in capitals."""
     return listed(_field_names(message))
 
 
@@ -219,12 +219,12 @@ def _field_names(message) -> list[str]:
 
 
 def parse_field_path(text: str) -> FieldPath:
-    """Read a path.
+    """Parse a path.
 
     Raises
     ------
     ValueError
-        If it is malformed, has too many parts, or its slice has no fixed or too great a length.
+        If it is malformed or too long, or its slice is too long or has no fixed end.
 
     """
     shown = repr(text if len(text) <= 60 else f'{text[:57]}...')
@@ -232,7 +232,7 @@ def parse_field_path(text: str) -> FieldPath:
         raise ValueError(f'a path of {len(text)} characters; at most {16 * MAX_NAME_LENGTH}')
     topic = _TOPIC.match(text)
     if topic is None:
-        raise ValueError(f'{shown} is no path; expected e.g. /odom.pose.pose.position.x')
+        raise ValueError(f'{shown} is not a path; expected one such as /odom.pose.pose.position.x')
     if topic.end() > _MAX_TOPIC:
         raise ValueError(f'{shown} has a topic of {topic.end()} characters; at most {_MAX_TOPIC}')
     position = topic.end()
@@ -245,7 +245,7 @@ def parse_field_path(text: str) -> FieldPath:
     end = _END.fullmatch(text, position)
     if end is None:
         raise ValueError(
-            f'{shown} is not understood from {text[position : position + 20]!r} on; expected '
+            f'{shown} is not valid from {text[position : position + 20]!r} on; expected '
             '[3], [0:360:30] with a fixed end, {name,name}, or {name}.field'
         )
     index, start, stop, step, braces = end.groups()

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""What a robot file says, as plain objects: its sources, and when a step and an episode are."""
+"""The contents of a robot file as plain objects."""
 
 from __future__ import annotations
 
@@ -15,26 +15,26 @@ from cmifs_ros.core.words import first
 from .expression import FUNCTIONS, Expression
 from .field_path import FieldPath, MissingFieldError, described
 
-#: Values that the sampler itself gives to expressions.
+#: Values that the sampler provides for expressions.
 OWN_VALUES = frozenset({'step', 'succeeded', 'aborted', 'canceled'})
-#: What no channel or value can be called: it means something else in an expression.
+#: Names with a meaning in expressions, which no channel or value can have.
 RESERVED_NAMES = OWN_VALUES | set(FUNCTIONS) | {'before'}
-#: What may be made of all messages between two steps.
+#: Summaries of the messages between two steps.
 SUMMARIES = ('mean', 'rms', 'min', 'max', 'std', 'count')
-#: What a source may be.
+#: Roles of a source.
 CHANNEL, VALUE, ACTION = 'channel', 'value', 'action'
-#: What may tell which robot a bag is of.
+#: What may distinguish the robots of several bags.
 SOURCES = ('none', 'bag', 'folder')
 STATUS = '/_action/status'
 
 
-class UnlistedKindError(Exception):
-    """A message has a kind that `one_hot` does not list; the text says which."""
+class UnlistedCategoryError(Exception):
+    """A message has a category that `one_hot` does not list."""
 
 
 @dataclass(frozen=True)
 class Source:
-    """A channel, a group of channels, or a value that is none.
+    """One entry of `channels`, `values` or `actions`: one or several numbers of a topic.
 
     Attributes
     ----------
@@ -43,16 +43,15 @@ class Source:
     is_yaw : bool
         The path is a quaternion; its values are the sine and the cosine of its yaw.
     max_age : float
-        In seconds; `inf` for what is latched.
+        Seconds for which a message is valid; `inf` for latched topics.
     inf : str or None
-        Field of the message that stands for infinite values.
+        Field of the message whose value replaces +inf.
     one_hot : tuple of str
-        The kinds that its value may be, whole numbers or words; a channel for each is 1 where it
-        is the value, and else 0.
+        Its categories, whole numbers or words; the channel of each is 1 if it is the value, else 0.
     role : str
-        One of `CHANNEL`, `VALUE`, for reward and ends only, and `ACTION`, what the robot does.
+        `CHANNEL`, `VALUE` (for the reward and ends only), or `ACTION`.
     over : tuple of str
-        Of `SUMMARIES`, what is made of its messages between two steps; none: the newest counts.
+        Which of `SUMMARIES` of the messages between two steps; empty: the newest message.
 
     """
 
@@ -67,7 +66,7 @@ class Source:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of its channels: `yaw.sin`, `scan[30]`, `shake.rms`; its own if it has one."""
+        """Names of its channels, such as `yaw.sin`, `scan[30]`, `shake.rms`, or its own name."""
         parts = ('sin', 'cos') if self.is_yaw else self.one_hot
         if len(self.over) > 1:
             parts = self.over
@@ -75,14 +74,14 @@ class Source:
         return tuple(self.name + suffix for suffix in suffixes)
 
     def readings(self, message) -> list[float]:
-        """Return its values in a message, or none; see `FieldPath.values_in`.
+        """Return its values in a message, possibly none; see `FieldPath.values_in`.
 
-        They are as many as `names`, unless several summaries are made of one.
+        There are as many as `names`, except with several summaries.
 
         Raises
         ------
         MissingFieldError
-        UnlistedKindError
+        UnlistedCategoryError
 
         """
         if self.is_yaw:
@@ -99,7 +98,7 @@ class Source:
         number = 0.5 if isinstance(value, str) else self.path.as_number(value)
         kind = str(int(number) if number.is_integer() else value)
         if kind not in self.one_hot:
-            raise UnlistedKindError(
+            raise UnlistedCategoryError(
                 f'{self.path} is {kind[:40]!r}; expected one of {first(self.one_hot)} (one_hot)'
             )
         return [float(kind == one) for one in self.one_hot]
@@ -137,29 +136,29 @@ class SavingCycle:
 
 @dataclass(frozen=True)
 class RobotFile:
-    """What a robot file says.
+    """A robot file.
 
     Attributes
     ----------
     step_topic : str or None
-        A step at each of its messages, or
+        The topic with a step at each message; None with a rate.
     rate : float or None
-        so many a second.
+        Steps per second; None with a topic.
     sources : tuple of Source
     reward, terminated, truncated : Expression, FieldPath or None
-        A path stands for what its topic says until the next step. Without a reward, steps have 0.
+        A path stands for its topic's values until the next step. Without a reward it is 0.
     action : str or None
-        An episode is a goal of it.
+        Action whose goals are the episodes.
     steps : int or None
-        An episode is truncated after so many steps.
+        Number of steps after which an episode is truncated.
     types : dict of str to str
-        Type by topic, where the file names one.
+        Types that the file gives, by topic.
     discount : Discount or None
-        How far ahead the return looks, if the file says so.
+        The discount, if the file gives one.
     source : str
-        What tells which robot a bag is of: one of `SOURCES`.
+        What distinguishes the robots of several bags: one of `SOURCES`.
     target : str or None
-        What sensors are selected for: one of `TARGETS`, if the file says so.
+        One of `TARGETS`, if the file gives one.
     saving : SavingCycle or None
         None: no topic is ever switched off.
 
@@ -199,16 +198,16 @@ class RobotFile:
 
     @property
     def groups(self) -> dict[str, tuple[str, ...]]:
-        """Sensors of several channels, by the rule by which the live selector finds them."""
+        """Sensors of several channels, grouped by the same rule as in the selector."""
         return groups_by_name(self.channel_names)
 
     @property
     def topics(self) -> tuple[str, ...]:
-        """All topics that are needed, each once."""
+        """All topics that the file uses, each once."""
         return self.topics_for([source.name for source in self.sources])
 
     def topics_for(self, channels: Collection[str]) -> tuple[str, ...]:
-        """Return the topics that some channels, actions, steps, reward and ends need."""
+        """Return the topics of some channels, and of actions, steps, reward and ends."""
         rules = (self.reward, self.terminated, self.truncated)
         names = set(channels).union(*(r.names for r in rules if isinstance(r, Expression)))
         paths = [
@@ -222,11 +221,11 @@ class RobotFile:
         return tuple(dict.fromkeys(own + [path.topic for path in paths]))
 
     def type_problem(self, topic: str, kinds: Collection[str]) -> str:
-        """Return what is wrong, or nothing, with a topic that has these types."""
+        """Return what is wrong with a topic of these types; empty if nothing."""
         said = (self.types or {}).get(topic)
         if said is None or said in kinds:
             return ''
         return (
-            f'{topic} is of type {", ".join(sorted(kinds))}, not {said} as the robot file says: '
-            'correct or leave out that type'
+            f'{topic} is of type {", ".join(sorted(kinds))}, not {said} as in the robot file: '
+            'correct or remove its `type`'
         )

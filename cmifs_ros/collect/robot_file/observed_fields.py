@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""The fields of a topic's messages that could be channels, and what their values did."""
+"""The fields of a topic's messages that could be channels, with the values observed."""
 
 from __future__ import annotations
 
@@ -22,34 +22,34 @@ from .field_path import (
 from .model import Source
 from .own_topics import Trace, is_own_entry
 
-#: Of a longer array so many values are taken, evenly spaced; of one of messages that have no names,
-#: the first few.
+#: Values taken of a longer array, evenly spaced; messages taken of an array without names, the
+#: first ones.
 MAX_SLICE, MAX_INDEXED = 12, 4
-#: Of a topic.
+#: Fields of a topic.
 MAX_FIELDS = 200
-#: An integer with so many values, or a text, may be a category.
+#: A text, or an integer with up to this many values, may be a category.
 FEWEST_CATEGORIES, MOST_CATEGORIES = 3, 8
 _QUATERNION = 'geometry_msgs/msg/Quaternion'
-#: Messages that measure nothing.
+#: Messages without measurements.
 _SKIPPED = (
     'builtin_interfaces/msg/Time', 'builtin_interfaces/msg/Duration', 'std_msgs/msg/Header',
     'sensor_msgs/msg/PointField',
 )  # fmt: skip
-#: An array of these is a picture, or another file.
+#: An array of these is an image or other binary data.
 BYTES = ('uint8', 'byte', 'octet')
-#: Fields for which another one of the message stands where they are infinite.
+#: Fields whose infinite values another field of the message replaces.
 _INF = {'ranges': 'range_max', 'range': 'max_range'}
 _IN_BRACES = re.compile(r'[^{},\s"\\]+')
 _KEY = re.compile(r'[^{},"\\\x00-\x1f]+')
-#: A text that `one_hot` takes.
+#: A text that `one_hot` accepts.
 _WORD = re.compile(r'[A-Za-z_][\w -]{0,39}')
 
 
 class TypeField(NamedTuple):
     """A field of a message type: its name and what it is.
 
-    It is 'number', 'numbers' (an array), 'text', the name of a message type, or that name and '[]'
-    for an array of messages; what else it may be has no numbers.
+    `kind` is 'number', 'numbers' (an array), 'text', the name of a message type, or that name with
+    '[]' for an array of messages; anything else has no numbers.
     """
 
     name: str
@@ -57,17 +57,17 @@ class TypeField(NamedTuple):
 
 
 class ObservedField:
-    """A field of a topic's messages, and what its values did so far.
+    """A field of a topic's messages, and the values observed so far.
 
     Attributes
     ----------
     path : FieldPath
     text : str
-        The path as a robot file has it.
+        The path as a robot file writes it.
     options : str
-        What has to stand beside it.
+        Options that it needs in the file.
     num_seen : int
-        Messages that had it.
+        Number of messages that had it.
 
     """
 
@@ -85,7 +85,7 @@ class ObservedField:
 
     @property
     def is_open(self) -> bool:
-        """Whether another message could tell something."""
+        """Whether another message could add information."""
         return not self._is_changed or self._categories is not None or self._is_unknown
 
     @property
@@ -93,10 +93,10 @@ class ObservedField:
         return any(map(math.isnan, self._first))
 
     def look(self, message) -> None:
-        """Take in the values of a message."""
+        """Observe the values of a message."""
         try:
             self._newest = self._source.readings(message)
-        except MissingFieldError:  # an array that is shorter now, a joint that is not in this one
+        except MissingFieldError:  # a shorter array, or a joint missing from this message
             self._look_at_text(message)
             return
         if not self._newest:
@@ -130,24 +130,24 @@ class ObservedField:
 
     @property
     def is_text(self) -> bool:
-        """Whether it said something that is no number."""
+        """Whether a value was not a number."""
         return bool(self._words)
 
     @property
     def words(self) -> list[str]:
-        """What a text said, if it may be a category; else nothing."""
+        """The texts observed, if they may be categories; otherwise empty."""
         words = list(self._words)
         is_few = 2 <= len(words) <= MOST_CATEGORIES
         return words if is_few and all(map(_WORD.fullmatch, words)) else []
 
     @property
     def shown_words(self) -> str:
-        """What a text said, for a reader."""
+        """The texts observed, for display."""
         return first([repr(word) for word in self._words])
 
     @property
     def why_not(self) -> str:
-        """Why it is no channel, or nothing."""
+        """Why it is not proposed as a channel; empty if it is."""
         never = [
             (name, new)
             for name, value, new in zip(self._source.names, self._first, self._newest, strict=False)
@@ -163,7 +163,7 @@ class ObservedField:
 
     @property
     def categories(self) -> str:
-        """The few values of an integer, or nothing."""
+        """The values of an integer, if they are few; otherwise empty."""
         if self._categories is None or len(self._categories) < FEWEST_CATEGORIES:
             return ''
         return ', '.join(map(str, sorted(self._categories)))
@@ -174,7 +174,7 @@ def _shown(value: float) -> str:
 
 
 class ObservedTopic:
-    """What a topic said.
+    """A topic and its observed fields.
 
     Parameters
     ----------
@@ -182,23 +182,23 @@ class ObservedTopic:
     kind : str
         The name of its type.
     fields_of : callable
-        From the name of a message type to its fields (`TypeField`), in order.
+        Returns the fields (`TypeField`) of a message type, in order.
     count : int, optional
-        How many messages came.
+        Number of messages.
 
     Attributes
     ----------
     count : int
     num_unseen : int
-        Messages that may have told something more, but were not looked at.
+        Messages that could have added information but were not read.
     problem : str
-        Why none was looked at, if none was.
+        Why none was read, if none was.
     fields : dict of str to ObservedField, or None
-        By their paths; None before a message was looked at.
+        By path; None before the first message.
     has_entries : bool
-        Whether there are arrays of messages among them, each message with others.
+        Whether some fields are arrays of messages, whose entries may differ between messages.
     trace : Trace
-        What tells that the topic is one of this package.
+        Evidence that the topic belongs to this package.
 
     """
 
@@ -215,11 +215,11 @@ class ObservedTopic:
 
     @property
     def is_open(self) -> bool:
-        """Whether another message could tell something."""
+        """Whether another message could add information."""
         return self.fields is None or bool(self._open) or self.has_entries or self.trace.is_open
 
     def look(self, message) -> None:
-        """Take in the values of a message."""
+        """Observe the values of a message."""
         self._num_looks += 1
         self.trace.look(message)
         if self.fields is None or self.has_entries:
@@ -236,12 +236,12 @@ class ObservedTopic:
             self._open = [field for field in self._open if field.is_open]
 
     def period(self, field: ObservedField, seconds: float) -> float:
-        """Return how often, in seconds, a field comes; `inf` if it came once."""
+        """Return the period of a field in seconds; `inf` if it came once."""
         share = field.num_seen / self._num_looks if self.has_entries else 1.0
         return seconds / (self.count * share) if self.count * share > 1 else math.inf
 
     def _found(self, kind: str, message, text: str, above: tuple) -> Iterator[ObservedField]:
-        """Yield the fields of a message that have numbers or words, as it has them."""
+        """Yield the fields of a message that have numbers or words, in its own order."""
         if len(above) >= MAX_PARTS:
             return
         for name, what in self._fields_of(kind):
@@ -257,7 +257,7 @@ class ObservedTopic:
                 end = _end(name, value, (*above, message)) if what == 'numbers' else ''
                 try:
                     path = parse_field_path(inner + end)
-                except ValueError:  # No robot file could name it.
+                except ValueError:  # A robot file cannot name it.
                     continue
                 inf = _INF.get(name) if not above else None
                 has_inf = inf is not None and hasattr(message, inf)
@@ -267,7 +267,7 @@ class ObservedTopic:
                 yield from self._found(what, value, inner, (*above, message))
 
     def _entries(self, entries: Sequence, above: tuple) -> Iterator[tuple[str, object]]:
-        """Yield what takes each message of an array, by name or else by place, and the message."""
+        """Yield a selector for each message of an array, by name or position, and the message."""
         if len(entries) == 0:
             self.has_entries = True
             return
@@ -283,7 +283,7 @@ class ObservedTopic:
 
 
 def _end(name: str, values: Sequence, above: tuple) -> str:
-    """Return what takes the values of an array: by name, the diagonal, or evenly spaced."""
+    """Return a selector for values of an array: by name, the diagonal, or evenly spaced."""
     length = len(values)
     if length == 0:
         return ''

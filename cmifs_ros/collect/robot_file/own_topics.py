@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""Topics that this package publishes itself: what it learned from is no sensor of the robot.
+"""Recognise topics that this package publishes: they are not sensors of the robot.
 
-They are known by what they say, since they may be remapped: the reward among the channels would be
-the answer itself.
+A reward among the channels would be the answer itself. Topics may be remapped, so they are
+recognised by their contents.
 """
 
 from __future__ import annotations
@@ -12,12 +12,12 @@ from collections.abc import Iterable
 
 from cmifs_ros.collect.episodes.builder import RewardSample
 
-#: Messages whose stamps are compared.
+#: Number of messages whose stamps are compared.
 MAX_STAMPS = 1000
 _STATE = 'sensor_msgs/msg/JointState'
 _INDICES = 'std_msgs/msg/Int32MultiArray'
 _REWARD_FIELDS = {*RewardSample._fields, 'action', 'gamma', 'half_life', 'target'}
-#: Topics of the selector, and beside a reward those of whoever publishes it, by their last part.
+#: Last parts of the topics of a selector, and of the node that publishes the reward.
 _OF_SELECTOR = {
     'selected_state': _STATE,
     'scores': _STATE,
@@ -25,24 +25,24 @@ _OF_SELECTOR = {
     'selection': 'std_msgs/msg/String',
 }
 _BESIDE_REWARD = {'state', 'action'}
-#: Shares of the stamps of two topics that are the same if one was made with the other.
+#: Share of equal stamps from which two topics belong together.
 _SAME = 0.9
 _HARDWARE = 'cmifs_ros'
 
 
 class Trace:
-    """What a topic's messages say that tells whether this package publishes it.
+    """Evidence from a topic's messages that this package publishes it.
 
     Parameters
     ----------
     topic, kind : str
-        Its name and that of its type.
+        Its name and the name of its type.
 
     """
 
     def __init__(self, topic: str, kind: str):
         self.topic, self.kind = topic, kind
-        self.is_state = kind == _STATE  # Of positions alone, as those of this package.
+        self.is_state = kind == _STATE  # Positions only, as this package publishes them.
         self.space, _, self.last = topic.rpartition('/')
         self.names: frozenset[str] = frozenset()
         self.stamps: set[int] = set()
@@ -50,11 +50,11 @@ class Trace:
 
     @property
     def is_open(self) -> bool:
-        """Whether another message could tell something."""
+        """Whether another message could add information."""
         return self.is_state and len(self.stamps) < MAX_STAMPS
 
     def look(self, message) -> None:
-        """Take in a message."""
+        """Observe a message."""
         if self.kind == _INDICES and message.layout.dim:
             self.label = message.layout.dim[0].label
         if not self.is_open:
@@ -68,13 +68,13 @@ class Trace:
 
     @property
     def is_reward(self) -> bool:
-        """Whether it has the fields of a reward message, as `reward` does."""
+        """Whether it has the fields of a reward message."""
         if self.is_state and 'reward' in self.names:
             return self.last == 'reward' or self.names <= _REWARD_FIELDS
         return self.last == 'reward'
 
     def has_stamps_of(self, other: Trace) -> bool:
-        """Tell whether its messages have the stamps of another topic's."""
+        """Return whether its messages have the stamps of another topic."""
         if not (self.is_state and self.stamps and other.stamps):
             return False
         begin = max(min(self.stamps), min(other.stamps))
@@ -84,7 +84,7 @@ class Trace:
 
 
 def own_topics(traces: Iterable[Trace]) -> dict[str, str]:
-    """Return the topics that this package publishes, or that it learns from, and why they are."""
+    """Return the topics that this package publishes or learns from, with the reason."""
     traces = list(traces)
     own: dict[str, str] = {}
     rewards = [trace for trace in traces if trace.is_reward]
@@ -115,5 +115,5 @@ def own_topics(traces: Iterable[Trace]) -> dict[str, str]:
 
 
 def is_own_entry(entry) -> bool:
-    """Tell whether an entry of /diagnostics is one of this package's nodes."""
+    """Return whether an entry of /diagnostics comes from a node of this package."""
     return getattr(entry, 'hardware_id', None) == _HARDWARE

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""From YAML to a `RobotFile`: every mistake at once, with line, what was found and expected."""
+"""Read a `RobotFile` from YAML; report all mistakes at once, with lines and expectations."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ from .yaml_nodes import shown
 
 MAX_SIZE = 10**6
 _EXPECTED = 'expected a robot file; make_robot_file writes a first one'
-#: What a file must have, with an example.
+#: Required keys, with examples.
 _NEEDED = {
-    'step': 'when a step is, such as step: {rate: 10.0}',
+    'step': 'how steps are made, such as step: {rate: 10.0}',
     'channels': 'the sensors, each as name: /topic.field',
-    'reward': 'what the reward is, such as reward: "before(distance) - distance"; make_robot_file '
-    'leaves that to you, as a TODO',
+    'reward': 'the reward, such as reward: "before(distance) - distance"; make_robot_file '
+    'leaves it as a TODO',
 }
 _ACTIONS = {'actions': 'what the robot does, each as name: /topic.field'}
 _KEYS = (
@@ -47,7 +47,7 @@ _KEYS = (
 
 
 class RobotFileError(ValueError):
-    """A robot file cannot be used; the message has a line for each mistake."""
+    """A robot file is invalid; the message has a line for each mistake."""
 
 
 def load_robot_file(path: str | Path) -> RobotFile:
@@ -56,12 +56,12 @@ def load_robot_file(path: str | Path) -> RobotFile:
     Parameters
     ----------
     path : path-like
-        `~` is the user's own folder.
+        `~` is the user's home folder.
 
     Raises
     ------
     RobotFileError
-        If it cannot be read, or with all mistakes, a line each.
+        If it cannot be read, or is invalid: all mistakes, one per line.
 
     """
     try:
@@ -76,7 +76,7 @@ def load_robot_file(path: str | Path) -> RobotFile:
     try:
         return parse_robot_file(content.decode())
     except UnicodeDecodeError:
-        raise RobotFileError(f'{path} is no text; {_EXPECTED}') from None
+        raise RobotFileError(f'{path} is not a text file; {_EXPECTED}') from None
     except RobotFileError as error:
         raise RobotFileError(f'{path}:\n{error}') from None
 
@@ -86,7 +86,7 @@ def parse_robot_file(text: str) -> RobotFile:
     try:
         root = yaml.compose(text, Loader=yaml.SafeLoader)
     except (yaml.YAMLError, RecursionError) as error:
-        raise RobotFileError(f'no YAML: {" ".join(str(error).split())[:300]}') from None
+        raise RobotFileError(f'not YAML: {" ".join(str(error).split())[:300]}') from None
     reader = _FileReader()
     robot = reader.robot(root)
     if reader.mistakes:
@@ -116,13 +116,13 @@ class _FileReader(SourceReader):
             self.note(
                 node,
                 f'{what} uses {", ".join(sorted(rule.names - known))[:60]}; expected names of '
-                'channels, actions or values that are single numbers (of an array or of kinds, '
-                f'name the number you mean as a value): {", ".join(sorted(known))[:300]}',
+                'channels, actions or values that are single numbers (to use one number of an '
+                f'array, or one category, define it as a value): {", ".join(sorted(known))[:300]}',
             )
         return rule
 
     def _clock(self, node) -> tuple[str | None, float | None]:
-        """Return the step's topic and rate, of which one is None."""
+        """Return the topic and the rate of steps, one of which is None."""
         step = self.mapping(node, 'step', ('topic', 'rate', 'type'))
         if ('topic' in step) == ('rate' in step):
             self.note(node, 'step has neither or both of topic and rate; expected one')
@@ -133,7 +133,7 @@ class _FileReader(SourceReader):
         if 'type' in step and clock is not None:
             self.note_type(step['type'], 'step.type', clock.topic)
         elif 'type' in step:
-            self.note(step['type'], 'step.type stands without step.topic')
+            self.note(step['type'], 'step.type is given without step.topic')
         return clock.topic if clock else None, rate
 
     def _discount(self, node) -> Discount:
@@ -156,24 +156,24 @@ class _FileReader(SourceReader):
         return SavingCycle(**{name: int(n) for name, n in numbers.items() if n is not None})
 
     def _sources(self, top: dict) -> tuple[list[Source | None], set[str]]:
-        """Return all sources, None where one has a mistake, and the names of all."""
+        """Return all sources, None for each with a mistake, and all names."""
         sources, keys = [], set()
         for section, role in (('channels', CHANNEL), ('actions', ACTION), ('values', VALUE)):
             if section in top:
                 for name, node in self.mapping(top[section], section, None).items():
                     if name in RESERVED_NAMES:
                         self.note(
-                            node, f'{section} has {name!r}, which has a meaning of its own in '
+                            node, f'{section} has {name!r}, which has another meaning in '
                             'expressions; expected another name',
                         )  # fmt: skip
                     elif name in keys:
-                        self.note(node, f'{section} has {name[:60]!r}, which stands above already')
+                        self.note(node, f'{section} has {name[:60]!r}, which is used above')
                     keys.add(name)
                     sources.append(self.source(name, node, role))
         return sources, keys
 
     def robot(self, root) -> RobotFile | None:
-        """Read everything; None if a mistake leaves no robot."""
+        """Read everything; return None if there is a mistake."""
         top = self.mapping(root, 'the file', _KEYS)
         source = self.choice(top['source'], 'source', SOURCES) if 'source' in top else SOURCES[0]
         target = self.choice(top['target'], 'target', targets.TARGETS) if 'target' in top else None
@@ -191,7 +191,7 @@ class _FileReader(SourceReader):
         problem = problem_of_names(names)
         if problem:
             self.note(top.get('channels'), f'the channels have {problem}')
-        # What could not be read counts as known, so that one mistake is told once.
+        # Names that could not be read count as known, so that each mistake is reported once.
         known = OWN_VALUES | {s.name for s in found if s.names == (s.name,)}
         known |= keys - {source.name for source in found}
         reward = self._rule(top.get('reward'), 'reward', known)
@@ -218,7 +218,7 @@ class _FileReader(SourceReader):
 
 
 def _needed_for(target: str | None) -> dict[str, str]:
-    """Return what a file must have, with examples: for the action as target no reward."""
+    """Return the required keys with examples; the target `action` needs no reward."""
     if target != targets.ACTION:
         return _NEEDED
     return {key: example for key, example in _NEEDED.items() if key != 'reward'} | _ACTIONS

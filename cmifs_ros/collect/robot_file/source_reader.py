@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""From YAML to one `Source`: a path, and what may stand beside it."""
+"""Read one `Source` from YAML: a path and its options."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from .yaml_nodes import Nodes, shown
 _KEYS = ('path', 'as', 'max_age', 'inf', 'one_hot', 'over', 'type')
 _TYPE = re.compile(r'[a-z][a-z0-9_]*/msg/[A-Za-z][A-Za-z0-9]*')
 _WHOLE = re.compile(r'[+-]?\d{1,18}')
-#: As the last part of a channel's name, see `groups_by_name`.
+#: Allowed as the last part of a channel's name, see `groups_by_name`.
 _WORD = re.compile(r'[A-Za-z_][^.\[\]]*')
 
 
@@ -27,7 +27,7 @@ class SourceReader(Nodes):
     Attributes
     ----------
     types : dict of str to str
-        By topic, where they were named so far.
+        Types given so far, by topic.
 
     """
 
@@ -36,14 +36,16 @@ class SourceReader(Nodes):
         self.types: dict[str, str] = {}
 
     def note_type(self, node, what: str, topic: str) -> None:
-        """Take the type of a topic."""
+        """Note the type of a topic."""
         if not (isinstance(node, yaml.ScalarNode) and _TYPE.fullmatch(node.value)):
-            self.note(node, f'{what} is {shown(node)}; expected e.g. nav_msgs/msg/Odometry')
+            self.note(
+                node, f'{what} is {shown(node)}; expected a type such as nav_msgs/msg/Odometry'
+            )
         elif self.types.setdefault(topic, node.value) != node.value:
             self.note(node, f'{what} is {shown(node)}; expected {self.types[topic]} as above')
 
     def source(self, name: str, node, role: str) -> Source | None:
-        """Return a source of this role, None if a mistake leaves none."""
+        """Return a source with this role; None if there is a mistake."""
         if isinstance(node, yaml.ScalarNode):
             path = self.path(node, name)
             return self._checked(Source(name, path, role=role), node) if path else None

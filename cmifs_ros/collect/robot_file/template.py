@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""A first robot file from what topics carry: every numeric field of every topic is a channel.
+"""Write a first robot file from observed topics: every numeric field becomes a channel.
 
-What never changed there, or was never a number, is commented out, and told why. Commands are what
-the robot does, not what it senses: they are proposed as its actions.
+Fields that never changed, or were never a finite number, are commented out with the reason.
+Commands are proposed as actions, because the robot does not sense them.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ from .model import RESERVED_NAMES, STATUS
 from .observed_fields import BYTES, MAX_FIELDS, ObservedField, ObservedTopic, TypeField
 from .own_topics import own_topics
 
-#: Of a bag's topic about so many messages are looked at, evenly spaced, and of those of no more
-#: bytes than this each that differs from the one before: a bumper is hit rarely.
+#: About how many messages of a bag's topic are read, evenly spaced. Of messages up to this size,
+#: each that differs from the previous one is read too: a bumper is hit rarely.
 MAX_LOOKS, MAX_SHORT = 1000, 64
-#: Last parts of topics that say little without the one before.
+#: Last parts of topic names that need the part before them to be clear.
 _GENERAL = (
     *('data', 'data_raw', 'raw', 'state', 'status', 'value', 'filtered'),
     *('cmd', 'command', 'commands', 'setpoint'),
@@ -43,14 +43,14 @@ def robot_file_of_bag(
 ) -> str:
     """Return the text of a robot file with all channels of a bag.
 
-    It is valid but for the reward, which only its user knows.
+    It is complete except for the reward, which only the user knows.
 
     Parameters
     ----------
     path : path
         A file or a folder.
     watch : callable, optional
-        As that of `episodes_of_bag`.
+        As in `episodes_of_bag`.
 
     Raises
     ------
@@ -80,7 +80,7 @@ def robot_file_of_bag(
 
 
 class _Choice:
-    """Choose the messages of a bag that are looked at."""
+    """Choose the messages of a bag to read."""
 
     def __init__(self, heard: dict[str, ObservedTopic]):
         self._heard = heard
@@ -103,7 +103,7 @@ class _Choice:
 
 
 def _what(node: tuple) -> str:
-    """Return what a field of rosbags' is, see `TypeField`."""
+    """Return a field of rosbags as a `TypeField`."""
     kind, inner = node[0].name, node[1]
     is_array = kind not in ('BASE', 'NAME')
     element_kind, element = (inner[0][0].name, inner[0][1]) if is_array else (kind, inner)
@@ -126,10 +126,10 @@ def robot_file_of_topics(
     Parameters
     ----------
     title : str
-        Where they were heard.
+        Where they were observed.
     heard : iterable of ObservedTopic
     seconds : float
-        For how long.
+        Duration.
 
     """
     heard = sorted((one for one in heard), key=lambda one: one.topic)
@@ -164,11 +164,11 @@ def robot_file_of_topics(
 
 
 def _channel(name: str, field: ObservedField, heard: ObservedTopic, age: str) -> str:
-    """Return the line of a channel."""
+    """Return the line for a channel."""
     path, options = json.dumps(field.text), field.options + age
     one_hot = f'{name}: {{path: {path}{options}, one_hot: [%s]}}'
     if field.words:
-        return f'  # {one_hot % ", ".join(field.words)}  # text; words seen'
+        return f'  # {one_hot % ", ".join(field.words)}  # text; values seen'
     line = f'{name}: ' + (f'{{path: {path}{options}}}' if options else path)
     if field.why_not:
         unseen, count = heard.num_unseen, heard.count
@@ -181,21 +181,21 @@ def _channel(name: str, field: ObservedField, heard: ObservedTopic, age: str) ->
 
 
 def is_of_robot(topic: str) -> bool:
-    """Tell whether a topic may be a sensor's: neither ROS's own nor an action's."""
+    """Return whether a topic may be a sensor's: neither one of ROS itself nor of an action."""
     return topic not in _OF_ROS and '/_action/' not in topic
 
 
 def _max_age(period: float) -> str:
-    """Return the option for a field that comes less often than twice a second."""
+    """Return the `max_age` option for a field that comes less often than twice a second."""
     if math.isinf(period):
         return ', max_age: .inf'
     return f', max_age: {math.ceil(3 * period)}.0' if period > 0.5 else ''
 
 
 def _names(paths: list[FieldPath]) -> list[str]:
-    """Return a name for each: its last parts, as many as tell it from the others.
+    """Return a name for each: as many of its last parts as distinguish it from the others.
 
-    A single part, such as `voltage` or `x`, says little without its topic, which stands before it.
+    A single part, such as `voltage` or `x`, is preceded by its topic.
     """
     alternatives = [_alternatives(path) for path in paths]
     counts = Counter(name for names in alternatives for name in set(names))
@@ -213,13 +213,13 @@ def _names(paths: list[FieldPath]) -> list[str]:
 
 
 def _alternatives(path: FieldPath) -> list[str]:
-    """Return what a field may be called, the shortest first."""
+    """Return possible names of a field, shortest first."""
     spaces = [_word(part) for part in path.topic.strip('/').split('/')]
     if spaces[-1] in _GENERAL and len(spaces) > 1:
         spaces[-2:] = ['_'.join(spaces[-2:])]
     parts: list[str] = []
     for part in path.fields:
-        if part[0] == '{':  # The entry's name says more than that of its array.
+        if part[0] == '{':  # The entry's name is more informative than that of its array.
             parts[-1] = _word(part[1:-1])
         elif part[0] == '[':
             parts[-1] += f'_{part[1:-1]}'
@@ -246,11 +246,12 @@ def _word(text: str) -> str:
 
 def _text(title: str, channels: list[str], commands: list[str], ros_actions: list[str]) -> str:
     lines = [
-        f'# Written by make_robot_file from {json.dumps(title)[1:-1]}. Decide what is marked TODO,',
-        '# and remove channels that cannot matter: the more there are, the more episodes it takes.',
-        '# What never changed, or never was a number, is commented out: was the robot at its task?',
+        f'# Written by make_robot_file from {json.dumps(title)[1:-1]}.',
+        '# Complete what is marked TODO. Remove channels that cannot matter: more channels need',
+        '# more episodes. Fields that never changed, or were never a number, are commented out:',
+        '# was the robot at its task?',
         '',
-        '# TODO: a step so many times a second, or at each message of a topic: {topic: /odom}.',
+        '# TODO: steps per second, or a step at each message of a topic: {topic: /odom}.',
         'step: {rate: 10.0}',
         '',
         'channels:',
@@ -262,10 +263,10 @@ def _text(title: str, channels: list[str], commands: list[str], ros_actions: lis
         *(f'# {command}' for command in commands or ['  drive: "/cmd_vel.linear.x"']),
         '',
         '# TODO: the reward, from channel values; before(name) is the value at the previous step.',
-        '# Values that are no sensors, such as the distance to the goal, belong under `values:`.',
+        '# Values that are not sensors, such as the distance to the goal, belong under `values:`.',
         '# reward: "before(distance) - distance"',
         '',
-        '# TODO: when an episode ends: after so many steps, with an action or a condition, such as',
+        '# TODO: when an episode ends: after a number of steps, with an action, or on a condition:',
     ]
     lines += [f'# episode: {{action: {action}}}' for action in ros_actions or ['/navigate_to_pose']]
     lines += ['# episode: {terminated: "distance < 0.1", steps: 300}', 'episode: {steps: 25}']

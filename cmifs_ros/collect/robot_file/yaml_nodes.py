@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""YAML nodes, which know their lines: mistakes in them are noted instead of stopping."""
+"""Read values from YAML nodes; collect mistakes with their lines instead of raising."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from .field_path import FieldPath, parse_field_path
 
 
 class Nodes:
-    """Take values of nodes.
+    """Read values from nodes.
 
     Attributes
     ----------
     mistakes : list of (int, str)
-        Line, and what was found and expected.
+        Line, and a message of what was found and expected.
 
     """
 
@@ -30,7 +30,7 @@ class Nodes:
         self.mistakes.append(((node.start_mark.line + 1) if node is not None else 1, what))
 
     def mapping(self, node, what: str, keys: tuple[str, ...] | None) -> dict:
-        """Return the nodes of a mapping by their keys; None allows all keys."""
+        """Return the nodes of a mapping by key; `None` allows all keys."""
         if not isinstance(node, yaml.MappingNode):
             self.note(node, f'{what} is {shown(node)}; expected a mapping')
             return {}
@@ -59,14 +59,14 @@ class Nodes:
         return value
 
     def choice(self, node, what: str, choices: Sequence[str]) -> str:
-        """Return one of some words, or the first if it is none of them."""
+        """Return one of some words; the first one if there is a mistake."""
         if not isinstance(node, yaml.ScalarNode) or node.value not in choices:
             self.note(node, f'{what} is {shown(node)}; expected {", ".join(choices)}')
             return choices[0]
         return node.value
 
     def path(self, node, what: str) -> FieldPath | None:
-        """Return a path, or None if it is none."""
+        """Return a path; None if there is a mistake."""
         if not isinstance(node, yaml.ScalarNode):
             self.note(node, f'{what} is {shown(node)}; expected a path such as /odom.pose')
             return None
@@ -78,7 +78,7 @@ class Nodes:
 
 
 def shown(node) -> str:
-    """Return what a node holds, in words."""
+    """Return the contents of a node as text."""
     if isinstance(node, yaml.ScalarNode):
         return repr(node.value[:60]) if node.value else 'empty'
     return {yaml.MappingNode: 'a mapping', yaml.SequenceNode: 'a list'}.get(type(node), 'nothing')

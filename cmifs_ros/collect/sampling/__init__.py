@@ -1,3 +1,3 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""From messages to steps: the same for a running robot and for its bags."""
+"""From messages to steps, with the same code for a running robot and for bags."""

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""A recorded bag's messages, read, not played: MCAP and db3, and ROS 1.
+"""Read the messages of a bag (MCAP, db3 or ROS 1) without playing it.
 
 rosbags and mcap are optional: `pip install 'rosbags>=0.11,<0.12' mcap`.
 """
@@ -29,12 +29,12 @@ from .storages import (
     Storage,
 )
 
-#: rclpy's serialize_message may leave so many bytes at the end, which the middleware ignores.
+#: rclpy's serialize_message may append this many bytes, which the middleware ignores.
 _MAX_SURPLUS = 16
-_MEND = 'one that was cut off is mended by `mcap recover` (MCAP) or `ros2 bag reindex`'
-#: How messages may be written.
+_MEND = 'repair a truncated bag with `mcap recover` (MCAP) or `ros2 bag reindex`'
+#: Supported serialisation formats.
 _DECODED = ('cdr', 'ros1')
-#: What stands before each type in a definition of several.
+#: Separator of the types in a definition.
 _IDL = re.compile(r'(?m)^=+\nIDL: .*\n')
 _STORAGES: dict[str, Callable[[Path], Storage]] = {
     '.mcap': McapStorage,
@@ -48,13 +48,13 @@ class BagError(RecordingError):
 
 
 class Undecoded(NamedTuple):
-    """Stands for a message that was not decoded; `cause` is None if it was not wanted."""
+    """A message that was not decoded; `cause` is None if it was not requested."""
 
     cause: str | None
 
 
 class Topic(NamedTuple):
-    """A topic of a bag: its type, how many messages it has, and where they are."""
+    """A topic of a bag: its type, its number of messages, and their connections."""
 
     msgtype: str
     msgcount: int
@@ -73,14 +73,13 @@ class BagReader:
     ----------
     topics : dict of str to Topic
     duration : int
-        From the first to the last message, in nanoseconds.
+        Time from the first to the last message, in nanoseconds.
     unreadable : dict of str to str
-        By topic, why none of its messages can be decoded. A foreign schema is no reason to refuse
-        the topics beside it.
+        By topic, why its messages cannot be decoded. The other topics remain readable.
     typestore
-        The message types, as rosbags holds them.
+        The message types, in the form of rosbags.
     num_messages, num_bytes : dict of str to int
-        What was read of each topic.
+        Numbers of messages and bytes read, by topic.
 
     """
 
@@ -105,7 +104,7 @@ class BagReader:
         return [c for storage in self._storages for c in storage.connections]
 
     def messages(self, topics: Collection[str]) -> Iterator[tuple[Connection, int, bytes]]:
-        """Yield connection, time of record and bytes of the messages of some topics."""
+        """Yield connection, recording time and bytes of the messages of some topics."""
         for storage in self._storages:
             wanted = [c for c in storage.connections if c.topic in topics]
             for connection, recorded, data in storage.messages(wanted) if wanted else ():
@@ -114,7 +113,7 @@ class BagReader:
                 yield connection, recorded, data
 
     def decode(self, connection: Connection, data: bytes) -> object:
-        """Return a message; raise whatever its decoder raises."""
+        """Decode a message; pass on any exception of its decoder."""
         if connection.serialization == 'ros1':
             return self.typestore.deserialize_ros1(data, connection.msgtype)
         return self.typestore.deserialize_cdr(data, connection.msgtype)
@@ -122,7 +121,7 @@ class BagReader:
 
 @contextmanager
 def open_bag(path: str | Path) -> Iterator[BagReader]:
-    """Open a bag, a file or a folder; raise a BagError if it cannot be opened."""
+    """Open a bag, a file or a folder; raise BagError if it cannot be opened."""
     if any(find_spec(package) is None for package in ('rosbags', 'mcap')):
         raise BagError("bags need rosbags and mcap: pip install 'rosbags>=0.11,<0.12' mcap")
     path = Path(path)
@@ -132,7 +131,7 @@ def open_bag(path: str | Path) -> Iterator[BagReader]:
         try:
             storages = _storages(path, stack)
             reader = BagReader(storages)
-        except Exception as error:  # A foreign or torn file breaks its readers in many ways.
+        except Exception as error:  # Invalid files make the readers raise almost anything.
             raise BagError(
                 f'{path} cannot be read as a bag: {_shown(error)}; expected a folder with its '
                 f'metadata.yaml, or a file .mcap, .db3 or .bag; {_MEND}'
@@ -141,7 +140,7 @@ def open_bag(path: str | Path) -> Iterator[BagReader]:
 
 
 def _storages(path: Path, stack: ExitStack) -> list[Storage]:
-    """Open the files of a bag, in their order."""
+    """Open the files of a bag, in order."""
     if path.is_file():
         return [_opened(path, stack)]
     about = yaml.safe_load((path / 'metadata.yaml').read_text())['rosbag2_bagfile_information']
@@ -171,7 +170,7 @@ def _decompressed(file: Path, folder: Path) -> Path:
 
 
 def _typestore(connections: Iterable[Connection]) -> tuple[Any, dict[str, str]]:
-    """Return the types of a bag, and why the messages of some of its topics cannot be decoded."""
+    """Return the types of a bag, and by topic why messages cannot be decoded."""
     from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
     jazzy = get_typestore(Stores.ROS2_JAZZY).fielddefs
@@ -181,12 +180,12 @@ def _typestore(connections: Iterable[Connection]) -> tuple[Any, dict[str, str]]:
         kind, encoding, text = connection.msgtype, connection.encoding, connection.definition
         if connection.serialization not in _DECODED:
             causes[connection.topic] = (
-                f'its messages are {connection.serialization or "of no format"}; '
+                f'its messages are {connection.serialization or "in an unknown format"}; '
                 f'expected {" or ".join(_DECODED)}'
             )
         elif kind in types:
             continue
-        elif not text.strip():  # Files before Iron have none; of an empty message it is empty.
+        elif not text.strip():  # Files before Iron have none; it is empty for an empty message.
             if kind not in jazzy:
                 causes[connection.topic] = f'the bag does not define its type {kind or "at all"}'
         else:
@@ -199,7 +198,7 @@ def _typestore(connections: Iterable[Connection]) -> tuple[Any, dict[str, str]]:
                         found |= get_types_from_idl(part) if part.strip() else {}
                 get_typestore(Stores.EMPTY).register(found)
                 types |= found
-            except Exception as error:  # Foreign texts break its parsers in many ways.
+            except Exception as error:  # Invalid texts make the parsers raise almost anything.
                 causes[connection.topic] = f'its type {kind} cannot be read: {_shown(error)}'
     typestore = get_typestore(Stores.EMPTY)
     typestore.register({**jazzy, **types})
@@ -212,18 +211,17 @@ def messages_of(
     topics: Collection[str],
     is_wanted: Callable[[str, bytes], bool] = lambda topic, data: True,
 ) -> Iterator[tuple]:
-    """Yield topic, message and time of record of an open bag's messages, in order of time.
+    """Yield topic, message and recording time of an open bag's messages, in order of time.
 
-    `Undecoded` stands for a message that cannot be decoded, or is not wanted by its topic and
-    bytes.
+    A message that cannot be decoded, or is not wanted, comes as `Undecoded`.
     """
     try:
         for connection, recorded, data in reader.messages(topics):
             is_read = is_wanted(connection.topic, data)
             message = _decoded(reader, connection, data) if is_read else Undecoded(None)
             yield connection.topic, message, recorded
-    except Exception as error:  # What is raised where this is used does not pass here.
-        raise BagError(f'{path} breaks off: {_shown(error)}; {_MEND}') from error
+    except Exception as error:  # Exceptions raised by the consumer do not pass here.
+        raise BagError(f'{path} ends early: {_shown(error)}; {_MEND}') from error
 
 
 def _decoded(reader: BagReader, connection: Connection, data: bytes) -> object:
@@ -231,9 +229,9 @@ def _decoded(reader: BagReader, connection: Connection, data: bytes) -> object:
         return Undecoded(reader.unreadable[connection.topic])
     try:
         return reader.decode(connection, data)
-    except Exception as error:  # Foreign bytes break its decoders in many ways.
+    except Exception as error:  # Invalid bytes make the decoders raise almost anything.
         cause = f'{connection.msgtype} cannot be decoded: {_shown(error)}'
-    for surplus in range(4, _MAX_SURPLUS + 1, 4):  # Up to 3 more are ignored.
+    for surplus in range(4, _MAX_SURPLUS + 1, 4):  # Up to 3 further bytes are ignored.
         with suppress(Exception):
             return reader.decode(connection, data[:-surplus])
     return Undecoded(cause)

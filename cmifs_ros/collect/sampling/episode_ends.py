@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""Where episodes end, and where one may begin, by the robot file."""
+"""When episodes end, and when one may begin, according to the robot file."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ _GOAL_ENDS = {4: 'succeeded', 5: 'canceled', 6: 'aborted'}
 
 
 class EpisodeEnds:
-    """Follow what is said of ends: by expressions, by topics, and by an action's goals.
+    """Follow the end conditions: expressions, topics, and the goals of an action.
 
     Attributes
     ----------
     terminated, truncated : bool
-        What `look` found.
+        The result of `look`.
 
     """
 
@@ -33,24 +33,26 @@ class EpisodeEnds:
         self.begin_anew()
 
     def begin_anew(self) -> None:
-        """Forget everything, as the clock was set."""
+        """Forget everything, because the clock was set."""
         self._goal: bytes | None = None
-        self._holds = dict.fromkeys(ENDS, False)  # Whether an end was so when last known.
+        self._holds = dict.fromkeys(
+            ENDS, False
+        )  # By end, whether its condition held when last known.
         self._has_been_zero: set[str] = set()
         self.forget_events()
 
     def forget_events(self) -> None:
-        """Forget what was said of moments, when an episode begins."""
+        """Forget momentary events, when an episode begins."""
         self._events = dict.fromkeys((*ENDS, *_GOAL_ENDS.values()), False)
 
     @property
     def may_begin(self) -> bool:
-        """Whether an episode may begin: outside an action's goals none does."""
+        """Whether an episode may begin; with an action, only during a goal."""
         return self._robot.action is None or self._goal is not None
 
     @property
     def is_announced(self) -> bool:
-        """Whether a message has told of an end since the last step."""
+        """Whether a message has announced an end since the last step."""
         return any(self._events.values())
 
     @property
@@ -60,19 +62,19 @@ class EpisodeEnds:
 
     @property
     def kind(self) -> str:
-        """The end that `look` found, as the robot file calls it, or how the goal ended."""
+        """The end that `look` found: its key in the robot file, or the result of the goal."""
         of_goal = [name for name in _GOAL_ENDS.values() if self._events[name]]
         return of_goal[0] if of_goal else self._kind
 
     def follow(self, end: str, is_so: bool) -> None:
-        """Take what a path says of an end: one that never says no tells of moments."""
+        """Note the value of an end's field; a field that is never 0 announces moments."""
         self._events[end] |= is_so
         if not is_so:
             self._has_been_zero.add(end)
         self._holds[end] = is_so and end in self._has_been_zero
 
     def follow_goals(self, goals: Iterable[tuple[bytes, int]]) -> None:
-        """Take the ids of an action's goals, and their statuses."""
+        """Note the ids and statuses of an action's goals."""
         for goal, status in goals:
             if goal == self._goal and status in _GOAL_ENDS:
                 self._events[_GOAL_ENDS[status]] = True
@@ -84,12 +86,12 @@ class EpisodeEnds:
             self._goal = running[-1]
 
     def look(self, values: Mapping, before: Mapping, *, is_open: bool) -> bool:
-        """Tell whether an episode ends here, or if none is open, whether none may begin.
+        """Return whether an episode ends here; between episodes, whether none may begin.
 
         Parameters
         ----------
         values, before : mapping of str to float
-            What is known at this step and at the one before, `step` among it.
+            Values at this step and at the previous one, including `step`.
         is_open : bool
 
         """
@@ -106,6 +108,6 @@ class EpisodeEnds:
             value = rule(values, before)
             if not math.isnan(value):
                 self._holds[end] = bool(value)
-        # Between episodes a mere event has passed: a message of a topic, or a goal's end.
+        # Between episodes, momentary events are over: a message of a topic, the end of a goal.
         may_hold = is_open or (isinstance(rule, FieldPath) and bool(rule.fields))
         return self._holds[end] or (may_hold and self._events[end])

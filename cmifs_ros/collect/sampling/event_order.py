@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""Messages in event time: ordered by their stamps, whatever the order in which they arrive.
+"""Order messages by event time: by their stamps, whatever the order of arrival.
 
-Live, a message waits until every topic has passed its time, or is not seen to need longer: a topic
-is waited for half as long again as the latest of its recent messages was late. From a recording
-nobody has to wait, and messages are sorted. The class also sees when the clock was set: simulated
-time that begins anew, or a robot whose clock is corrected.
+Live, a message waits until every topic has passed its time, or need not be waited for longer: the
+wait for a topic is 1.5 times the greatest lateness of its recent messages. In a recording the
+messages are sorted. The class also detects that the clock was set, because simulated time starts
+over or a robot's clock is corrected.
 """
 
 from __future__ import annotations
@@ -16,29 +16,30 @@ from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 SECOND = 1_000_000_000
-#: A message this far from the others is wrong; if its topic and others go on so, the clock was set.
+#: A message this far from the others is wrong; if its topic and others continue so, the clock was
+#: set.
 JUMP = 60 * SECOND
-#: A topic that goes back by more is suspected of having another time; a clock, of being reset.
+#: A greater step back of a topic may mean another clock, one of a clock a reset.
 STEP_BACK = SECOND
 CLOCK_STEP_BACK = SECOND // 10
-#: For so long a topic that has another time waits for others to join it, or to go on without it.
+#: How long a topic with another time waits for others to join it, or to continue without it.
 PATIENCE = 5 * SECOND
 MAX_WAITING = 100_000
 MAX_SUSPECTS = 5000
-#: Receive times exceed stamps when the subscriber lags: they count so much less.
+#: Receive times exceed stamps when the subscriber lags; this much is subtracted.
 BEHIND = 2 * SECOND
-#: A topic is waited for as its last messages were late, half as long again, and this margin.
+#: The wait for a topic is 1.5 times the lateness of its last messages, plus this margin.
 RECENT = 100
 MARGIN = SECOND // 10
-#: While a topic has said less than this, it is waited for at least so long.
+#: Until a topic has sent this many messages, the wait is at least this long.
 FEW = 5
 FIRST_LATENESS = SECOND // 2
 
 
 class Message(NamedTuple):
-    """A message as it waits; of equal stamps the topic's rank, then the arrival, tells the order.
+    """A waiting message; equal stamps are ordered by the topic's rank, then by arrival.
 
-    `is_stamped` is False if its time is that at which it was received.
+    `is_stamped` is False if its time is the receive time.
     """
 
     stamp: int
@@ -50,18 +51,18 @@ class Message(NamedTuple):
 
 
 class Moment(NamedTuple):
-    """All messages of one time, in nanoseconds."""
+    """All messages with one time, in nanoseconds."""
 
     time: int
     messages: list[Message]
 
 
-#: Stands between the moments before and after the clock was set.
+#: Marks the moment at which the clock was set.
 CLOCK_SET = Moment(-1, [])
 
 
 class _Suspect(NamedTuple):
-    """A message that may be of another time; `counted` is where it was counted, if anywhere."""
+    """A message with a suspicious time; `counted` is the counter that has it, if any."""
 
     message: Message
     lateness: int
@@ -69,7 +70,7 @@ class _Suspect(NamedTuple):
 
 
 class _Suspects:
-    """A topic's newest messages, if all are of another time, but in order among one another."""
+    """A topic's newest messages, if all have another time but are in order."""
 
     def __init__(self, first: Message, is_far: bool, newest: dict[str, int]):
         self.is_far, self.is_stamped = is_far, first.is_stamped
@@ -78,27 +79,27 @@ class _Suspects:
 
     @property
     def stamp(self) -> int:
-        """The newest one's."""
+        """The stamp of the newest one."""
         return self.messages[-1].message.stamp
 
 
 class EventOrder:
-    """Put messages into the order of their stamps.
+    """Order messages by their stamps.
 
     Parameters
     ----------
     topics : iterable of str
-        All that are waited for; of equal stamps the earlier topic's message comes first.
+        All topics, in the order of messages with equal stamps.
     max_lateness : float or None
-        For how long a topic is waited for at most, in seconds of event time. None: the messages are
-        recorded, and are sorted as far as a minute back.
+        Longest wait for a topic, in seconds of event time. None: the messages are recorded, and
+        are sorted as far as a minute back.
 
     Attributes
     ----------
     late, wrong : collections.Counter
-        Messages by topic: too late, as their time was worked through; of no use.
+        Messages by topic: later than the wait; unusable.
     last_wrong : dict of str to str
-        By topic, what was wrong with the newest such message.
+        By topic, the problem of the newest unusable message.
 
     """
 
@@ -120,30 +121,30 @@ class EventOrder:
         self._begin(None)
 
     def _begin(self, time: int | None) -> None:
-        """Begin anew, at a time if it is known."""
+        """Start over, at a time if it is known."""
         self._begun_at = time
         self._waiting: list[Message] = []
         self._newest: dict[str, int] = {}
-        self._repeated: set[str] = set()  # Topics that have spoken more than once.
-        self._passed: int | None = None  # All before this time has been worked through.
+        self._repeated: set[str] = set()  # Topics with more than one message.
+        self._passed: int | None = None  # Everything before this time has been processed.
         self._suspects: dict[str, _Suspects] = {}
 
     def note_wrong(self, topic: str, what: str) -> None:
-        """Count a message that cannot be used."""
+        """Count an unusable message."""
         self.wrong[topic] += 1
         self.last_wrong[topic] = what[:300]
 
     def add(self, topic: str, stamp: int, is_stamped: bool, content: Any) -> list[Moment]:
-        """Take a message; return the moments that are complete now, in order.
+        """Add a message; return the moments that are complete now, in order.
 
         Parameters
         ----------
         topic : str
         stamp : int
-            Nanoseconds: its header's, or if it has none, when it was received.
+            Header stamp in nanoseconds, or the receive time if there is none.
         is_stamped : bool
         content : object
-            What is given back with it.
+            Returned with the moment.
 
         """
         self._sequence += 1
@@ -172,37 +173,37 @@ class EventOrder:
         if suspects is None or not -STEP_BACK <= stamp - suspects.stamp <= JUMP:
             suspects = self._suspects[topic] = _Suspects(message, is_far, self._newest)
         suspects.messages.append(_Suspect(message, lateness, counted))
-        # A receive time says nothing about the clock by which other topics are stamped.
+        # A receive time says nothing about the clock of other topics' stamps.
         is_led = not is_stamped and self._newest.keys() - self._unstamped
         if not is_led and self._is_clock_set(suspects):
             return self._change_clock(stamp)
         return [] if is_far else self._due()
 
     def wait_for(self, topic: str) -> float:
-        """Return for how many seconds a topic is waited for at present."""
+        """Return the current wait for a topic, in seconds."""
         return self._waits[topic] / SECOND
 
     def set_clock(self, now: int) -> list[Moment]:
-        """Take what /clock says, in nanoseconds: if it was set back, all begins anew."""
+        """Set the time of /clock in nanoseconds; start over if it was set back."""
         before, self._clock = self._clock, now
         if before is None or now > before - CLOCK_STEP_BACK or not self._newest:
             return []
         newest = max(self._newest.values())
-        # The stamps may be by another clock, or may have told of the reset already.
+        # The stamps may follow another clock, or have shown the reset already.
         if abs(newest - before) > JUMP or newest <= now + STEP_BACK:
             return []
         return self._change_clock(now)
 
     def flush(self) -> list[Moment]:
-        """Return all that waits, when nothing more is due."""
+        """Return all waiting messages, because nothing more is due."""
         return self._until(max(self._newest.values()) + 1) if self._newest else []
 
     def pass_by(self, time: int) -> None:
-        """Count what comes from now on, but is of a time up to this, as late."""
+        """Count messages up to this time as late from now on."""
         self._passed = max(self._passed or 0, time + 1)
 
     def _learn(self, topic: str, lateness: int, is_ordered: bool) -> None:
-        """Note how late a message was, and whether its topic is in order by itself."""
+        """Note the lateness of a message, and whether its topic is in order."""
         if not is_ordered:
             self._is_disordered.add(topic)
         self._lateness[topic].append(lateness)
@@ -216,7 +217,7 @@ class EventOrder:
         self._waits[topic] = wait if self._max_lateness is None else min(wait, self._max_lateness)
 
     def _accept(self, message: Message) -> bool:
-        """Have a message wait; return False, and count it, if it is too late for that."""
+        """Queue a message; return False, and count it, if it is too late."""
         topic, stamp = message.topic, message.stamp
         if topic in self._newest:
             self._repeated.add(topic)
@@ -229,14 +230,14 @@ class EventOrder:
         return True
 
     def _reference(self) -> int:
-        """Return the newest time that is known to be reached."""
+        """Return the newest time that is known to have been reached."""
         return max(
             time - (BEHIND if topic in self._unstamped else 0)
             for topic, time in self._newest.items()
         )
 
     def _due(self) -> list[Moment]:
-        """Return the moments for which nothing more is waited for."""
+        """Return the moments that need not wait any longer."""
         reference = self._reference()
         if self._max_lateness is None:
             limit = reference - JUMP
@@ -264,10 +265,10 @@ class EventOrder:
         return moments
 
     def _is_clock_set(self, suspects: _Suspects) -> bool:
-        """Whether the time of these suspects is that of the others, too.
+        """Return whether the clock was set to the time of these suspects.
 
-        A far time is, if more topics have it than may go on with the old one; a time that is some
-        seconds back, if no topic goes on with the old one. One that spoke once is not expected to.
+        A far time needs more topics than may continue with the old time. A time some seconds back
+        needs that no topic continues with the old time; topics of a single message do not count.
         """
         joined = {
             topic: other
@@ -286,7 +287,7 @@ class EventOrder:
         return not go_on and len(joined) > len(others & self._repeated)
 
     def _change_clock(self, time: int) -> list[Moment]:
-        """End what was before the clock was set; what has come of the time after it counts."""
+        """Finish the time before the clock was set; keep messages from the new time."""
         end = max(self._newest.values())
 
         def is_after(message: Message) -> bool:
@@ -311,7 +312,7 @@ class EventOrder:
         return [*moments, CLOCK_SET, *(self._due() if self._newest else [])]
 
     def _is_left_over(self, message: Message, newest: int | None) -> bool:
-        """Whether a message was on its way while the clock was set."""
+        """Return whether a message was in transit while the clock was set."""
         if self._end_before is None or message.topic in self._newest or not message.is_stamped:
             return False
         age = self._end_before - message.stamp
@@ -320,10 +321,10 @@ class EventOrder:
 
 
 def _far(stamp: int, newest: int, is_received: bool) -> str:
-    what = f'{stamp / SECOND:.3f} s is far from {newest / SECOND:.3f} s, where the others are'
+    what = f'{stamp / SECOND:.3f} s is far from the other topics, at {newest / SECOND:.3f} s'
     if is_received:
         return (
-            f'it has no stamp, and when it was received, {what}: if their time is simulated, '
+            f'it has no stamp, and its receive time, {what}: if their time is simulated, '
             'set use_sim_time, or record /clock'
         )
-    return f'its stamp {what}: set the clock of whoever stamps it'
+    return f'its stamp, {what}: set the clock of the node that stamps it'

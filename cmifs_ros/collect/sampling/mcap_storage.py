@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""MCAP files: where their chunks are, and the messages in them in order of time."""
+"""MCAP files: their chunks, and the messages in order of time."""
 
 from __future__ import annotations
 
@@ -20,19 +20,22 @@ _MAGIC = b'\x89MCAP0\r\n'
 
 
 class McapStorage:
-    """A `Storage` of MCAP; a file without a whole index is read once to find what it holds."""
+    """A `Storage` for MCAP; a file without a complete index is scanned once."""
 
     def __init__(self, path: Path):
         from mcap.reader import make_reader
 
         self._file = path.open('rb')
-        self._times, self._offsets = array('q'), array('q')  # Of chunks, and messages outside any.
+        self._times, self._offsets = (
+            array('q'),
+            array('q'),
+        )  # Chunks, and messages outside of chunks.
         self.times: tuple[int, ...] = ()
-        self._ids: list[Collection[int]] = []  # The channels of a chunk; empty: not known.
+        self._ids: list[Collection[int]] = []  # The channels of a chunk; empty if unknown.
         try:
             self._file.seek(-len(_MAGIC), SEEK_END)
             if self._file.read() != _MAGIC:
-                raise ValueError('it does not end as MCAP files do')
+                raise ValueError('it does not end like an MCAP file')
             self._file.seek(0)
             summary = make_reader(self._file).get_summary()
             counts, schemas, channels = (
@@ -57,7 +60,7 @@ class McapStorage:
             )
 
     def _indexed(self, summary) -> tuple[dict, dict, dict]:
-        """Take what the summary at the end of the file says; return counts, schemas, channels."""
+        """Read the summary at the end of the file; return counts, schemas, channels."""
         statistics = summary.statistics
         for chunk in summary.chunk_indexes:
             self._note(chunk.message_start_time, chunk.chunk_start_offset)
@@ -104,7 +107,7 @@ class McapStorage:
     def messages(
         self, connections: Collection[Connection]
     ) -> Iterator[tuple[Connection, int, bytes]]:
-        """Yield the messages; only chunks that overlap in time are in memory together."""
+        """Yield the messages; only chunks that overlap in time share the memory."""
         wanted = {connection.id: connection for connection in connections}
         waiting: list = []
         numbers = count()
@@ -122,7 +125,7 @@ class McapStorage:
             yield connection, time, data
 
     def _at(self, offset: int, wanted: dict) -> Iterator[tuple[Connection, int, bytes]]:
-        """Yield the messages of a chunk, or the one message that stands there."""
+        """Yield the messages of a chunk, or the single message there."""
         from mcap.data_stream import ReadDataStream
         from mcap.records import Chunk
         from mcap.stream_reader import get_chunk_data_stream
@@ -137,7 +140,9 @@ class McapStorage:
             stream, length = get_chunk_data_stream(chunk, validate_crc=True)
             data = stream.read(length)
         position = 0
-        while position < len(data):  # Records by hand: most are of topics that nobody asked for.
+        while position < len(
+            data
+        ):  # Parsed by hand: most records belong to topics that are not requested.
             opcode, size = struct.unpack_from('<BQ', data, position)
             begin, position = position + 9, position + 9 + size
             if opcode == _MESSAGE:
@@ -151,7 +156,7 @@ class McapStorage:
 
 
 def _is_whole(summary) -> bool:
-    """Tell whether an MCAP summary names every channel, schema and chunk of its file."""
+    """Return whether an MCAP summary lists every channel, schema and chunk of its file."""
     statistics = summary.statistics
     return statistics is not None and (
         statistics.channel_count == len(summary.channels)

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""What the robot file takes of a message, so that itself need not be kept."""
+"""Extract what the robot file uses of a message, which need not be kept."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import math
 from dataclasses import dataclass, field
 
 from cmifs_ros.collect.robot_file.field_path import FieldPath, MissingFieldError
-from cmifs_ros.collect.robot_file.model import STATUS, RobotFile, Source, UnlistedKindError
+from cmifs_ros.collect.robot_file.model import STATUS, RobotFile, Source, UnlistedCategoryError
 
 from .episode_ends import ENDS
 from .event_order import SECOND
@@ -20,7 +20,7 @@ UNREADABLE = (
 
 @dataclass
 class Content:
-    """What a message says.
+    """The contents of a message that the robot file uses.
 
     Attributes
     ----------
@@ -28,9 +28,9 @@ class Content:
         By source.
     reward : float or None
     ends : dict of str to bool
-        Whether it says that an episode is terminated, or truncated.
+        Values of fields for terminated and truncated.
     goals : list of (bytes, int)
-        The ids of an action's goals, and their statuses.
+        Ids and statuses of an action's goals.
 
     """
 
@@ -41,13 +41,13 @@ class Content:
 
 
 def event_time(message) -> int | None:
-    """Return its header's stamp in nanoseconds; None if there is none, or it is 0."""
+    """Return the header stamp in nanoseconds; None if it is missing or 0."""
     stamp = getattr(getattr(message, 'header', None), 'stamp', None)
     return None if stamp is None else (stamp.sec * SECOND + stamp.nanosec or None)
 
 
 class MessageReader:
-    """Read messages of whatever type, as a robot file says."""
+    """Read messages of any type according to a robot file."""
 
     def __init__(self, robot: RobotFile):
         self._status_topic = robot.action + STATUS if robot.action else None
@@ -65,9 +65,9 @@ class MessageReader:
             self._by_topic[source.path.topic].append(source)
 
     def content_of(self, topic: str, message) -> tuple[int | None, Content | None, str]:
-        """Return its stamp if it has one, its content if it is of use, and what is wrong with it.
+        """Return the stamp if any, the content if usable, and what is wrong with the message.
 
-        However many fields are wrong, it is one message: the last problem is told.
+        If several fields are wrong, the last problem is returned.
         """
         content, problem = Content(), ''
         try:
@@ -79,8 +79,8 @@ class MessageReader:
                 values = source.readings(message)
                 if values:
                     content.values[source.name] = values
-            except UnlistedKindError as error:
-                content.values[source.name] = [math.nan]  # What it was before, it is no longer.
+            except UnlistedCategoryError as error:
+                content.values[source.name] = [math.nan]  # The previous category no longer holds.
                 problem = str(error)
             except UNREADABLE as error:
                 problem = str(error)

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""Why a step lacks a channel or a value, counted and in words."""
+"""Why steps lack channels or values: counts and messages."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def cause(source: Source, since: float | None, values: Sequence[float], time: in
     ----------
     source : Source
     since : float or None
-        The time of these values in nanoseconds, None if there were none.
+        Time of these values in nanoseconds; None if there was no message.
     values : sequence of float
     time : int
         In nanoseconds.
@@ -44,7 +44,7 @@ def cause(source: Source, since: float | None, values: Sequence[float], time: in
 
 
 def silent_for(source: Source) -> str:
-    """Return, in words, how long a silent source has sent nothing."""
+    """Return the message for a source that is silent."""
     return f'silent for more than its max_age, {source.max_age:g} s'
 
 
@@ -55,12 +55,12 @@ class MissingValues:
     ----------
     sources : iterable of Source
     received : mapping of str to int
-        How many messages of each topic came, of use or not; it is only read.
+        Number of messages by topic, usable or not; it is only read.
 
     Attributes
     ----------
     counts : collections.Counter
-        Steps by what they lack, a source or `reward`, and why; see `in_words`.
+        Number of steps by source, or `reward`, and cause; see `in_words`.
 
     """
 
@@ -72,25 +72,25 @@ class MissingValues:
         self._useful: set[str] = set()
 
     def heard(self, topic: str, stamp: int, names: Iterable[str]) -> None:
-        """Note that a message is of a time, and the sources that it has a value of."""
+        """Note the time of a message and the sources for which it has a value."""
         count, first, _ = self._spoken.get(topic, (0, stamp, stamp))
         self._spoken[topic] = (count + 1, first, stamp)
         self._useful.update(names)
 
     def forget_times(self) -> None:
-        """Forget when topics spoke, as the clock was set."""
+        """Forget the times of messages, because the clock was set."""
         self._spoken.clear()
 
     def in_words(self, counts: Mapping[tuple[str, str], int]) -> Counter[str]:
-        """Return how many steps lacked something, by what and why in words.
+        """Return how many steps lacked something, by a message of what and why.
 
-        What one topic lacked equally often has one cause, and is told once: without names if it is
-        all that the robot file takes of it.
+        Sources of one topic that were missing equally often share a message, without names if they
+        are all of the topic.
 
         Parameters
         ----------
         counts : mapping of tuple to int
-            As the attribute, or of some of the steps.
+            Like `counts`, possibly for some of the steps.
 
         """
         of = {name: (s.path.topic, s.role) for name, s in self._sources.items()}
@@ -110,14 +110,14 @@ class MissingValues:
         return words
 
     def _explained(self, name: str, why: str) -> str:
-        """Return why a step lacked something, by what is known of its messages by now."""
+        """Return why a step lacked something, from what is known of the topic by now."""
         if why not in (NEVER, SILENT):
             return why
         source = self._sources[name]
         if why == NEVER:
             if name in self._useful:
                 return 'no message yet'
-            return 'no message of use' if self._received[source.path.topic] else why
+            return 'no usable message' if self._received[source.path.topic] else why
         count, first, newest = self._spoken.get(source.path.topic, (0, 0, 0))
         period = (newest - first) / SECOND / (count - 1) if count > 1 else 0.0
         if period > source.max_age:

@@ -12,7 +12,7 @@ import math
 from array import array
 from collections.abc import Collection, Iterator, Sequence
 
-from cmifs_ros.collect.robot_file.model import CHANNEL, RobotFile, Source, UnlistedKindError
+from cmifs_ros.collect.robot_file.model import CHANNEL, RobotFile, Source, UnlistedCategoryError
 
 from .event_order import SECOND
 from .held_values import HeldValues
@@ -88,7 +88,7 @@ class NewestValues:
         for source in self._by_topic.get(topic, ()):
             try:
                 values = source.readings(message)
-            except UnlistedKindError:
+            except UnlistedCategoryError:
                 values = [math.nan] * len(source.names)
             except UNREADABLE:
                 continue

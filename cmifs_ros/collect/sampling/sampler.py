@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""From a robot's messages to steps: states and rewards in event time.
+"""From a robot's messages to steps: states, actions and rewards in event time.
 
-The same class for live messages and for those of a bag, by three others: the order of events, where
-episodes end, and what values are missing.
+The same class serves live messages and bags. It uses others for the order of events, the ends of
+episodes, the newest values and the missing ones.
 """
 
 from __future__ import annotations
@@ -29,13 +29,13 @@ from .saving import Saving
 from .step import SilentTail, Step
 from .taken_actions import TakenActions
 
-#: When nothing has come for so long after an end was told, no step is waited for.
+#: After this silence a waiting step, or one whose end was announced, is made.
 QUIET = 2 * SECOND
 _OWN = dict.fromkeys(OWN_VALUES, 0.0)
 
 
 class _Left(NamedTuple):
-    """What the step under way began with: its time, and its state, None if it lacks a channel."""
+    """The beginning of the current step: its time, and its state, None if a channel is missing."""
 
     time: int
     state: array | None
@@ -43,37 +43,35 @@ class _Left(NamedTuple):
 
 
 class Sampler:
-    """Make steps of messages.
+    """Make steps from messages.
 
     Parameters
     ----------
     robot : RobotFile
     max_lateness : float or None
-        For how long a topic is waited for at most, in seconds; None: the messages are recorded.
-        See `EventOrder`.
+        Longest wait for a topic in seconds; None: the messages are recorded. See `EventOrder`.
 
     Attributes
     ----------
     received, late, wrong : collections.Counter
-        Messages by topic: taken; too late for the steps of their time; without the field or with a
-        far stamp.
+        Messages by topic: all; too late for their step; without the field or with a far stamp.
     last_wrong : dict of str to str
-        By topic, what was wrong with the newest such message.
+        By topic, the problem of the newest wrong message.
     missing : MissingValues
-        What steps lack.
+        Counts of what steps lack.
     ends : EndCounts
-        How episodes ended, and which of them lack a step.
+        Counts of how episodes ended, and which were lost.
     num_moments : int
-        Moments at which the file wants a step, whether or not all was there.
+        Steps due, whether or not they were complete.
     num_steps : int
         Steps made.
     num_between : int
-        Moments at which no episode could begin, as what had ended the one before still held.
+        Steps due between episodes, while the end condition of the last one still held.
     saving : Saving
         Which topics are switched off.
     away : dict of str to float
-        Those that are, or were and have not spoken since; with the time from which on one counts
-        again, if that is known. An episode that begins without one is not learned from: no steps
+        Topics that are switched off, or have not been heard since; with the time from which on one
+        counts again, if known. Episodes that begin without one are not used for learning: no steps
         are made.
 
     """
@@ -100,23 +98,25 @@ class Sampler:
         self._begin_anew()
 
     def _begin_anew(self) -> None:
-        """Forget what was before the clock was set, but for what is latched."""
+        """Forget everything except latched values, because the clock was set."""
         self._held.begin_anew()
         self._actions.begin_anew()
         self.missing.forget_times()
         self.away = dict.fromkeys(self.away, math.inf)
         self._end.begin_anew()
-        self._last_time: int | None = None  # Of the newest message that was worked through.
-        self._is_news = False  # Whether one was since the last step.
+        self._last_time: int | None = None  # Of the newest processed message.
+        self._is_news = False  # Whether a message was processed since the last step.
         self._next_tick: int | None = None
         names = {name for source in self._robot.sources for name in (source.name, *source.names)}
-        self._before = dict.fromkeys(names | OWN_VALUES, math.nan)  # The values one moment ago.
+        self._before = dict.fromkeys(
+            names | OWN_VALUES, math.nan
+        )  # The values at the previous step.
         self._begin_episode()
 
     def _begin_episode(self) -> None:
         self._left: _Left | None = None
         self._step = 0
-        self._lacking: set[str] = set()  # What its steps lacked.
+        self._lacking: set[str] = set()  # Sources that its steps lacked.
         self._num_whole = 0
         self._is_learned = not self.away
         self._tail: SilentTail | None = None
@@ -127,16 +127,16 @@ class Sampler:
         self._has_reward = False
 
     def add(self, topic: str, message, received: int) -> list[Step]:
-        """Take a message; return the steps that are complete now.
+        """Add a message; return the steps that are complete now.
 
         Parameters
         ----------
         topic : str
-            One of the robot file's.
+            A topic of the robot file.
         message : object
-            With the message's attributes; not kept after its values were read.
+            Has the attributes of the message type; it is not kept.
         received : int
-            When it was received or recorded, in nanoseconds: its time if it has no stamp.
+            Receive or recording time in nanoseconds, used if it has no stamp.
 
         """
         self.received[topic] += 1
@@ -151,11 +151,11 @@ class Sampler:
         return self._work(self._order.add(topic, time, stamp is not None, content))
 
     def set_clock(self, now: int) -> list[Step]:
-        """Take what /clock says, in nanoseconds; return the steps of before, if it was set back."""
+        """Set the time of /clock in nanoseconds; return the steps before a reset, if any."""
         return self._work(self._order.set_clock(now))
 
     def flush(self) -> list[Step]:
-        """Work through all that waits, when nothing more is due; the open episode stays open."""
+        """Process all waiting messages, because nothing more is due; the episode stays open."""
         steps = self._work(self._order.flush())
         steps += self._settle()
         if self._last_time is not None:
@@ -163,11 +163,11 @@ class Sampler:
         return steps
 
     def wait_for(self, topic: str) -> float:
-        """Return for how many seconds a topic is waited for at present."""
+        """Return the current wait for a topic, in seconds."""
         return self._order.wait_for(topic)
 
     def note_wrong(self, topic: str, what: str) -> None:
-        """Count a message that cannot be used."""
+        """Count an unusable message."""
         self._order.note_wrong(topic, what)
 
     def _work(self, moments: list[Moment]) -> list[Step]:
@@ -206,7 +206,7 @@ class Sampler:
         return steps
 
     def _tick(self, time: int) -> list[Step]:
-        """Make the steps of a fixed rate that lie before a time."""
+        """Make the steps of a fixed rate before a time."""
         if self._period is None:
             return []
         steps = []
@@ -218,18 +218,18 @@ class Sampler:
         return steps
 
     def _settle(self) -> list[Step]:
-        """Make the step that is due when all fall silent: the next tick, or at an end just told."""
+        """Make the step that is due after silence: the next tick, or that of an announced end."""
         if self._left is None or not self._is_news:
             return []
         if self._period is not None:
             self._last_time = self._next_tick
             return self._tick(self._next_tick + 1)
         self._actions.pass_on()
-        # By the time of the step before, as that of a message without a stamp is not exact.
+        # At the time of the previous step: that of a message without a stamp is not exact.
         return self._make_step(self._left.time) if self._end.is_announced else []
 
     def _make_step(self, time: int) -> list[Step]:
-        """Reach a step: the transition from the one before is complete."""
+        """Reach a step, which completes the transition from the previous one."""
         self._is_news = False
         reached, values = self._look(time)
         left, before = self._left, self._before
@@ -267,7 +267,7 @@ class Sampler:
     def _transition(
         self, left: _Left, action: array, reached: _Left, reward: float, has_ended: bool
     ) -> list[Step]:
-        """Return the steps that are complete with that from `left` to `reached`."""
+        """Return the steps that the transition from `left` to `reached` completes."""
         end, steps = self._end, []
         if left.state is None and self._tail is not None:
             self._tail.extend(reward, left.lacking)
@@ -296,12 +296,12 @@ class Sampler:
         return steps
 
     def _follow_tail(self, reached: _Left, has_ended: bool) -> list[Step]:
-        """Return the step that waited while a topic was silent, if what became of it is known."""
+        """Return the step that waited while a topic was silent, once its fate is known."""
         tail, end = self._tail, self._end
         if not has_ended and tail.is_sound and reached.state is None:
             return []
         names = listed(sorted(self._lacking | tail.names))
-        # Windows of so many steps end anywhere: of these nothing is mended.
+        # Windows of a fixed length end anywhere, so these are not shortened.
         if has_ended and tail.is_sound and not self._lacking and end.kind != 'steps':
             self.ends.add_shortened(end.kind, f'they lack {names}')
             return [tail.with_end(end.terminated, end.truncated)]
@@ -312,11 +312,11 @@ class Sampler:
         return [tail.step]
 
     def _begin(self, reached: _Left, before: dict) -> None:
-        """Begin an episode, unless what ends one holds already."""
+        """Begin an episode, unless an end condition holds."""
         is_over = self._end.look(self._before, before, is_open=False)
         self._end.forget_events()
         self._begin_episode()
-        # Before every channel has spoken, none begins.
+        # None begins before every channel has a value.
         if self._end.may_begin and (reached.state is not None or self.num_steps):
             if is_over:
                 self.num_between += 1
@@ -324,7 +324,7 @@ class Sampler:
                 self._left = reached
 
     def _look(self, time: int) -> tuple[_Left, dict[str, float]]:
-        """Return what there is at a time, and all values by name."""
+        """Return the state at a time, and all values by name."""
         self.num_moments += 1
         state, lacking = array('d'), []
         values = dict.fromkeys(self._robot.action_names, math.nan)

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""A step, and the last one before a topic fell silent."""
+"""A step, and the last step before a topic fell silent."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from typing import NamedTuple
 from cmifs_ros.collect.episodes.builder import RewardSample
 from cmifs_ros.collect.robot_file.model import Source
 
-#: An episode is kept without its last steps if it has so many times as many before them.
+#: An episode is kept without its last steps if it has this many times as many complete ones.
 _SHARE = 2
 
 
 class Step(NamedTuple):
-    """One step: nanoseconds, what there was, what was paid for it and what the robot did.
+    """One step: its stamp in nanoseconds, state, reward and action.
 
-    State and action are in the order of `RobotFile.channel_names` and `action_names`.
+    State and action have the order of `RobotFile.channel_names` and `action_names`.
     """
 
     stamp: int
@@ -29,24 +29,24 @@ class Step(NamedTuple):
 
 
 class SilentTail:
-    """An episode's last whole step, and the rewards since, while one topic is silent.
+    """The last complete step of an episode, and the rewards since, while one topic is silent.
 
-    If the episode ends so, this step becomes its last, and is paid what the steps after it were:
-    an episode that fails just where a sensor fails too would be lost otherwise.
+    If the episode ends meanwhile, this step becomes its last one and gets the rewards of the steps
+    after it. Otherwise episodes that fail together with a sensor would be lost.
 
     Parameters
     ----------
     step : Step
     lacking : iterable of Source
-        What is missing from now on.
+        Sources missing from now on.
     num_whole : int
-        Steps of the episode so far.
+        Number of complete steps so far.
 
     Attributes
     ----------
     step : Step
     names : set of str
-        What the steps since lack.
+        Names of the sources that the steps since lack.
 
     """
 
@@ -63,13 +63,13 @@ class SilentTail:
         self._topics |= {source.path.topic for source in lacking}
 
     def extend(self, reward: float, lacking: Iterable[Source]) -> None:
-        """Add a step that lacks something."""
+        """Add an incomplete step."""
         self._note(lacking)
         self._rewards.append(reward)
 
     @property
     def is_sound(self) -> bool:
-        """Whether one topic alone is silent, for a few steps, of which all rewards are known."""
+        """Whether only one topic is silent, for few steps, and all rewards are known."""
         return (
             len(self._topics) == 1
             and len(self._rewards) <= self._max_length
@@ -77,7 +77,7 @@ class SilentTail:
         )
 
     def with_end(self, terminated: bool, truncated: bool) -> Step:
-        """Return the step as the episode's last."""
+        """Return the step as the last one of the episode."""
         sample = self.step.sample
         reward = sample.reward + sum(self._rewards)
         ended = sample._replace(reward=reward, terminated=terminated, truncated=truncated)

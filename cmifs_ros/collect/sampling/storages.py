@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""The files of a bag: which topics they hold, and the bytes of their messages in order of time.
+"""The files of a bag: their topics, and the bytes of their messages in order of time.
 
-What a topic's messages mean is not asked here, so that no foreign schema makes a file unreadable.
+Message types are not interpreted here, so an unknown schema does not make a file unreadable.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ class Connection(NamedTuple):
     Attributes
     ----------
     id : int
-        Of the topic in its file.
+        Id of the topic in its file.
     topic, msgtype : str
     encoding, definition : str
-        Of its type, such as `ros2msg` and the text of the .msg file; empty if the file has none.
+        Format and text of its type, such as `ros2msg` and the .msg file; empty if not stored.
     serialization : str
-        How its messages are written: `cdr`, `ros1`, or what this package cannot decode.
+        Format of its messages: `cdr`, `ros1`, or another, which cannot be decoded.
     msgcount : int
 
     """
@@ -46,7 +46,7 @@ class Storage(Protocol):
     ----------
     connections : list of Connection
     times : tuple of int
-        When the first and the last message were recorded, in nanoseconds; empty without messages.
+        Recording times of the first and the last message in nanoseconds; empty without messages.
 
     """
 
@@ -56,14 +56,14 @@ class Storage(Protocol):
     def messages(
         self, connections: Collection[Connection]
     ) -> Iterator[tuple[Connection, int, bytes]]:
-        """Yield connection, time of record and bytes of the messages of some connections."""
+        """Yield connection, recording time and bytes of the messages of some connections."""
 
     def close(self) -> None:
         """Close the file."""
 
 
 class SqliteStorage:
-    """A `Storage` of SQLite, .db3."""
+    """A `Storage` for SQLite, .db3."""
 
     def __init__(self, path: Path):
         self._database = sqlite3.connect(f'{path.absolute().as_uri()}?immutable=1', uri=True)
@@ -76,9 +76,9 @@ class SqliteStorage:
     def _read_topics(self) -> None:
         tables = {name for (name,) in self._rows('SELECT name FROM sqlite_master')}
         if not {'topics', 'messages'} <= tables:
-            raise ValueError('it has no tables topics and messages')
+            raise ValueError('it lacks the tables topics and messages')
         definitions = {}
-        if 'message_definitions' in tables:  # From Iron on.
+        if 'message_definitions' in tables:  # Since Iron.
             definitions = {
                 kind: (encoding, definition)
                 for kind, encoding, definition in self._rows(
@@ -120,7 +120,7 @@ class SqliteStorage:
 
 
 class Ros1Storage:
-    """A `Storage` of ROS 1, .bag."""
+    """A `Storage` for ROS 1, .bag."""
 
     def __init__(self, path: Path):
         from rosbags.rosbag1 import Reader
@@ -151,7 +151,7 @@ class Ros1Storage:
 
 
 class CompressedMessages:
-    """A `Storage` whose messages were compressed one by one, with zstd."""
+    """A `Storage` whose messages were compressed individually with zstd."""
 
     def __init__(self, storage: Storage):
         self._storage = storage

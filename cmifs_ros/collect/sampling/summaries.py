@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""What happens between two steps, summarised in one pass: mean, rms, min, max, std, count."""
+"""Summaries of the messages between two steps: mean, rms, min, max, std, count."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from cmifs_ros.collect.robot_file.model import Source
 class Summary:
     """Summarise a source's messages since the last step, without keeping them.
 
-    A value that is not finite is left out.
+    Values that are not finite are left out.
     """
 
     def __init__(self, source: Source):
@@ -25,22 +25,22 @@ class Summary:
 
     @property
     def is_known(self) -> bool:
-        """Whether it can be told: a count always, else only if messages have come."""
+        """Whether it is defined: a count always is, others need a message."""
         return self._what == ('count',) or all(numbers.count for numbers in self._numbers)
 
     def add(self, values: Sequence[float]) -> None:
-        """Take a message's values."""
+        """Add the values of a message."""
         for numbers, value in zip(self._numbers, values, strict=True):
             numbers.add(value)
 
     def take(self) -> list[float]:
-        """Return what is known, and begin anew."""
+        """Return the summary, and start over."""
         values = [float(getattr(n, what)) for what in self._what for n in self._numbers]
         self._begin()
         return values
 
     def take_of(self, newest: Sequence[float]) -> list[float]:
-        """Return what is so where no message came, and the newest one still holds."""
+        """Return the summary if no message came and the newest one is still valid; start over."""
         self._begin()
         self.add(newest)
         for numbers in self._numbers:

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""The action of a step: what is commanded from its state on, until the next one.
+"""The action of a step: the command given after its state and before the next one.
 
-A command follows the state that it answers. So of a step from time t0 to t1 the newest message at
-t0 or later counts, but before t1; where none came, the one before holds, for its `max_age`.
+A command follows the state that it answers. So the action of a step from time t0 to t1 is the
+newest message at t0 or later, but before t1. If there is none, the previous one holds for its
+`max_age`.
 """
 
 from __future__ import annotations
@@ -18,31 +19,33 @@ from .held_values import HeldValues
 
 
 class TakenAction(NamedTuple):
-    """The action of a step, and by source why something of it is missing."""
+    """The action of a step, and by source why a part of it is missing."""
 
     values: array
     lacking: dict[Source, str]
 
 
 class TakenActions:
-    """Follow the sources of a robot file's actions."""
+    """Hold the newest values of the actions of a robot file."""
 
     def __init__(self, sources: Iterable[Source]):
         self._held = HeldValues(sources)
-        self._waiting: list[tuple[int, Mapping]] = []  # Of one time, at which a step may begin.
+        self._waiting: list[
+            tuple[int, Mapping]
+        ] = []  # Messages of one time, at which a step may begin.
 
     def begin_anew(self) -> None:
-        """Forget what was before the clock was set, but for what is latched."""
+        """Forget everything except latched values, because the clock was set."""
         self.pass_on()
         self._held.begin_anew()
 
     def hear(self, time: int, values: Mapping[str, Sequence[float]]) -> None:
-        """Take the values of a message at its time in nanoseconds, which never goes back."""
+        """Take the values of a message with its time in nanoseconds, which never goes back."""
         self.pass_on(time)
         self._waiting.append((time, values))
 
     def pass_on(self, time: float = float('inf')) -> None:
-        """Let what is of a time before this belong to the step under way."""
+        """Count messages before this time to the current step."""
         if self._waiting and self._waiting[0][0] < time:
             for message in self._waiting:
                 self._held.hear(*message)

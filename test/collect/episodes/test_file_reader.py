@@ -103,7 +103,7 @@ def test_without_bounds_all_is_read_and_the_path_may_begin_with_the_home_folder(
     assert len(found.episodes) == 150
     assert all(map(same, found.episodes, sent))
     (tmp_path / 'saved').write_text('no episodes')
-    with pytest.raises(ValueError, match=r'^~/saved is no episodes file'):
+    with pytest.raises(ValueError, match=r'^~/saved is not an episodes file'):
         read_episodes('~/saved')
 
 
@@ -176,9 +176,9 @@ class Bomb:
 @pytest.mark.parametrize(
     ('content', 'message'),
     [
-        (b'', 'is no episodes file'),
-        (b'%PDF-1.7 thesis', 'is no episodes file'),
-        (pickle.dumps(Bomb()), 'is no episodes file'),
+        (b'', 'is not an episodes file'),
+        (b'%PDF-1.7 thesis', 'is not an episodes file'),
+        (pickle.dumps(Bomb()), 'is not an episodes file'),
         (b'cmifs_ros episodes 1\n{}\n', 'is of format version 1; expected 5'),
         (b'cmifs_ros episodes 6\n', 'is of format version 6; expected 5'),
         (b'cmifs_ros episodes 2\n{"channels": []', 'is truncated'),

@@ -32,8 +32,8 @@ def test_of_a_silent_topic_it_tells_whether_anybody_publishes_it():
         return watch.assessment.message
 
     talker, nobody = ('/robot',), ()
-    assert said(Topic(), Topic()) == 'no state has come yet; nobody publishes it'
-    assert said(Topic(publishers=talker), Topic()) == 'no state has come yet'
+    assert said(Topic(), Topic()) == 'no state has arrived yet; nobody publishes it'
+    assert said(Topic(publishers=talker), Topic()) == 'no state has arrived yet'
     assert said(Topic(8.0, publishers=nobody), Topic()) == 'no state for 8 s; nobody publishes it'
     assert said(Topic(8.0, publishers=talker), Topic()) == 'no state for 8 s'
     missing = 'states come, but no reward for 5 s'

@@ -26,14 +26,14 @@ def test_where_most_have_actions_the_others_are_left_out():
     sent = episodes(5, 2)
     found, note = with_same_actions(sent, 5)
     assert found == sent[:5]
-    assert note == '5 of 7 episodes have an action at every step: the others are left out'
+    assert note == '5 of 7 episodes have an action at every step: the others are not used'
 
 
 @pytest.mark.parametrize(('counts', 'least'), [((2, 5), 2), ((5, 2), 6)])
 def test_else_all_do_without_and_lose_nothing_else(counts, least):
     sent = episodes(*counts)
     found, note = with_same_actions(sent, least)
-    assert note.endswith('7 episodes have an action at every step: selected without actions')
+    assert note.endswith('7 episodes have an action at every step: actions are not used')
     for episode, expected in zip(found, sent, strict=True):
         assert episode.actions.shape == (1, 0)
         assert episode.source == 'robot 1'

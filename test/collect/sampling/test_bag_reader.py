@@ -140,7 +140,7 @@ def test_a_foreign_definition_in_db3_is_named_too(tmp_path):
 def test_a_file_that_was_cut_off_is_told(tmp_path, recorded, share):
     path = rewritten(tmp_path / 'bag.mcap', recorded[0])
     path.write_bytes(path.read_bytes()[: int(path.stat().st_size * share)])
-    with pytest.raises(BagError, match=r'does not end as MCAP files do; .* `mcap recover`'):
+    with pytest.raises(BagError, match=r'does not end like an MCAP file; .* `mcap recover`'):
         episodes_of_bag(path, ROBOT)
 
 
