@@ -31,10 +31,10 @@ def num_outdated(
 ) -> int:
     """Return how many of the oldest episodes no longer fit the newest; 0 if nothing changed.
 
-    `TargetTest` tests whether the return, or where that is the target the action, given the
-    channels and the step, differs between the episodes before and after a change point. Nine change
-    points are tried, and the one with the least p-value counts. A channel that acts as an episode
-    counter, such as a draining battery, would explain any change; it is left out.
+    `TargetTest` tests whether the return (with the target 'action', the action), given the channels
+    and the step, differs between the episodes before and after a change point. Nine change points
+    are tried, and the one with the least p-value counts. A channel that acts as an episode counter,
+    such as a draining battery, would explain any change, so it is left out.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ def num_outdated(
     random_state : int
         Seed.
     target : str
-        One of `TARGETS`; of a decision the return is tested.
+        One of `TARGETS`; for a decision, the return is tested.
 
     Returns
     -------

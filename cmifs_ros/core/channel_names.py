@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""Which names a channel may have."""
+"""Valid names of channels."""
 
 from __future__ import annotations
 

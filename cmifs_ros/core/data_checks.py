@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""What data cannot show, in sentences with a remedy."""
+"""Warnings about what the data cannot show, with remedies."""
 
 from __future__ import annotations
 
@@ -13,26 +13,27 @@ from .episode import Episode
 from .returns import discounted_returns
 from .words import counted
 
-#: Share of the variance of the episodes' mean returns that is drift, from which on it is told.
+#: Warn if at least this share of the variance of the episodes' mean returns is slow drift.
 _MUCH_DRIFT = 0.5
-#: Share of the variance of all rewards that a single one makes up, from which on it is told.
+#: Warn if a single reward makes up at least this share of the variance of all rewards.
 _MUCH_OF_ONE = 0.5
-#: Share of the episodes that are worth independent ones, below which it is told.
+#: Warn if the effective number of episodes is below this share of their number.
 _FEW_INDEPENDENT = 0.5
-#: Steps in a row that are found in two episodes, and their share from which on it is told.
+#: Length of a run of steps that counts as repeated; warn if at least this share of steps is.
 _RUN, _MUCH_OVERLAP = 3, 0.05
-#: So many are looked at.
+#: Number of runs compared.
 _MAX_RUNS = 100_000
-#: Share of an action's variance that the channels predict, from which on it is told.
+#: Warn if the channels predict at least this share of the action's variance.
 _MUCH_PREDICTED = 0.5
 _MAX_PREDICTORS = 3
 
 
 def independent_episodes(episodes: Sequence[Episode], gamma: float) -> float:
-    """Return how many independent episodes those in a row are worth, by their mean returns.
+    """Return the effective number of independent episodes, from their mean returns in order.
 
-    The number divided by the integrated autocorrelation time, which is cut where the sum of two
-    neighbouring autocorrelations is negative (Geyer, Practical Markov chain Monte Carlo, 1992).
+    This is their number divided by the integrated autocorrelation time, whose sum is cut where two
+    neighbouring autocorrelations have a negative sum (Geyer, Practical Markov chain Monte Carlo,
+    1992).
     """
     means = _mean_returns(episodes, gamma)
     means = means - means.mean()
@@ -48,7 +49,7 @@ def independent_episodes(episodes: Sequence[Episode], gamma: float) -> float:
 
 
 def problems_of_data(episodes: Sequence[Episode], gamma: float, *, ordered: bool) -> list[str]:
-    """Return what is wrong with episodes, or limits what they can show.
+    """Return warnings about errors in the episodes, or limits of what they can show.
 
     Parameters
     ----------
@@ -56,7 +57,7 @@ def problems_of_data(episodes: Sequence[Episode], gamma: float, *, ordered: bool
     gamma : float
         Discount factor of the return.
     ordered : bool
-        Whether their order is that of time.
+        Whether they are in the order of time.
 
     """
     problems = _problems_of_rewards(episodes) + _problems_of_overlap(episodes)
@@ -66,12 +67,12 @@ def problems_of_data(episodes: Sequence[Episode], gamma: float, *, ordered: bool
 
 
 def problem_of_skill(predicted_share: Callable[[list[int]], float], num_channels: int) -> str:
-    """Return that a few channels predict the action so well that the return shows little.
+    """Return a warning if few channels predict the action so well that the return shows little.
 
     Parameters
     ----------
     predicted_share : callable
-        Gives the share of the actions' variance that channels predict.
+        Returns the share of the actions' variance that given channels predict.
     num_channels : int
 
     """
@@ -85,7 +86,7 @@ def problem_of_skill(predicted_share: Callable[[list[int]], float], num_channels
         chosen, best = [*chosen, channel], shares[channel]
         if best >= _MUCH_PREDICTED:
             return (
-                f'the action follows from the sensors ({best:.0%} of its variance): where a '
+                f'the action follows from the sensors ({best:.0%} of its variance): if a '
                 'controller always acts alike, the return cannot show what its sensors are good '
                 "for; target 'action' finds what the controller looks at"
             )
@@ -97,7 +98,7 @@ def _mean_returns(episodes, gamma):
 
 
 def _is_autocorrelated(means: np.ndarray) -> bool:
-    """Tell whether neighbours are more alike than three standard errors of white noise."""
+    """Return whether neighbours correlate by more than three standard errors of white noise."""
     means = means - means.mean()
     return means[1:] @ means[:-1] > 3 / np.sqrt(len(means)) * (means @ means)
 
@@ -120,7 +121,7 @@ def _problems_of_rewards(episodes) -> list[str]:
 
 
 def _problems_of_overlap(episodes) -> list[str]:
-    """Tell of runs of steps that are in two episodes; none where no channel is continuous."""
+    """Return a warning about runs of steps in two episodes; needs a continuous channel."""
     steps = [np.column_stack([e.states, e.rewards]) for e in episodes]
     states = np.concatenate([e.states for e in episodes])
     if max(len(np.unique(column)) for column in states.T) < len(states) / 4:
@@ -136,8 +137,8 @@ def _problems_of_overlap(episodes) -> list[str]:
     if repeated <= _MUCH_OVERLAP * total:
         return []
     return [
-        f'{repeated / total:.0%} of the steps are in two episodes, as of windows that overlap or '
-        'of a drive that was recorded twice: they count twice; cut windows that do not overlap'
+        f'{repeated / total:.0%} of the steps are in two episodes, as with overlapping windows or '
+        'a drive recorded twice, and count twice: use windows that do not overlap'
     ]
 
 
@@ -148,13 +149,13 @@ def _problems_of_order(episodes, gamma) -> list[str]:
     if drift > _MUCH_DRIFT:
         return [
             f'the return follows the order of the episodes ({drift:.0%} of its variance between '
-            'episodes is slow drift), and what drifts along with it is no evidence; if the order '
-            'means nothing, as of files sorted by outcome, set ordered=False'
+            'episodes is slow drift), so sensors that drift along have no evidence; if the order '
+            'means nothing, for example in files sorted by outcome, set ordered=False'
         ]
     worth = independent_episodes(episodes, gamma)
     if worth < _FEW_INDEPENDENT * count and _is_autocorrelated(_mean_returns(episodes, gamma)):
         return [
-            f'{counted(count, "episode")} resemble their neighbours, and are worth about '
+            f'{counted(count, "episode")} resemble their neighbours and are worth about '
             f'{worth:.0f} independent ones'
         ]
     return []

@@ -2,11 +2,11 @@
 
 """Slow drift over the episodes: a policy learns, a floor gets wet, a motor warms up.
 
-Where a task drifts, its returns resemble each other from episode to episode, and so do the readings
-of any slow sensor, whether or not the two have to do with each other. So slow cosines of the
-episode's number are taken out, as in functional MRI (Friston et al., To smooth or not to smooth?,
-2000). Their number is chosen by Akaike's criterion for small samples (Hurvich & Tsai 1989), but
-with a higher price; where episodes are independent it is mostly none.
+If a task drifts, the returns of neighbouring episodes resemble each other, and so do the readings
+of any slow sensor, related or not. So slow cosines of the episode's number are regressed out, as in
+functional MRI (Friston et al., To smooth or not to smooth?, 2000). Akaike's criterion for small
+samples (Hurvich & Tsai 1989), with a higher price, chooses how many; for independent episodes,
+mostly none.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from __future__ import annotations
 import numpy as np
 
 _NUM_COSINES = (0, 1, 2, 4, 8)
-#: Price of a cosine; 2 would be Akaike's, and takes too much from data that do not drift.
+#: Price of a cosine; 2, as by Akaike, removes too much from data without drift.
 _PRICE = 3.0
 
 
@@ -29,7 +29,7 @@ def episode_cosines(num_episodes: int, count: int) -> np.ndarray:
 
 
 def num_cosines(means: np.ndarray, weights: np.ndarray) -> int:
-    """Return how many slow cosines columns of episode means (M, k), weighted by (M,), have."""
+    """Return the number of slow cosines in columns of episode means (M, k), weighted by (M,)."""
     root = np.sqrt(weights)[:, None]
     best, least = 0, np.inf
     for count in _NUM_COSINES:

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""How much a sensor adds: the share of the target's variance that it predicts beside others."""
+"""Effect sizes: the share of the target's variance that a sensor predicts beyond others."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from scipy import special
 
 from .kernel_regression import corrected_residual, residual
 
-#: Directions of functions that vary less, as a share of the greatest, are left out: they add noise.
+#: Directions with less than this share of the greatest variance are left out: they add noise.
 _LEAST_VARIANCE = 1e-2
 
 
 class Effect(NamedTuple):
     """Share of the target's variance that a sensor adds, and its standard error.
 
-    The estimate is unbiased, so that of an uninformative sensor it is negative half of the time.
+    The estimate is unbiased, so it is negative half of the time for an uninformative sensor.
     """
 
     share: float
@@ -36,19 +36,19 @@ class Effect(NamedTuple):
 
     @property
     def upper_bound(self) -> float:
-        """What the share does not exceed, with 95 % confidence."""
+        """Upper bound of the share, with 95 % confidence."""
         return self.share + special.ndtri(0.95) * self.error
 
 
 class EffectEstimator:
-    """Estimate what functions of a sensor add to the prediction of a target from what is given.
+    """Estimate what functions of a sensor add to the prediction of a target.
 
     Parameters
     ----------
     target : numpy.ndarray, shape (N,)
-        Of mean 0 and variance 1.
+        With mean 0 and variance 1.
     basis : numpy.ndarray, shape (N, r)
-        Orthonormal columns that predict the target from what is given.
+        Orthonormal columns that predict the target from the given variables.
     starts : numpy.ndarray of int, shape (M,)
         The first row of each episode.
 
@@ -64,9 +64,9 @@ class EffectEstimator:
         """Return the share of the target's variance that functions (N, k) add.
 
         With coefficients b on functions of variance 1 that are orthogonal to the basis, the share
-        is b'b. The square of each episode's part of b is left out of it, so that noise adds
-        nothing (a U-statistic, Hoeffding 1948). Its variance is that of the episodes' influence
-        on the share, and that which remains where the share is 0.
+        is b'b. The square of each episode's own part of b is left out, so that noise adds nothing
+        on average (a U-statistic, Hoeffding 1948). Its variance is that of the episodes' influence
+        on the share, plus the part that remains at a share of 0.
         """
         from .episode_sums import sums_of_products
 
@@ -89,9 +89,9 @@ class EffectEstimator:
         return Effect(float(share), float(np.sqrt(max(at_zero, 0.0) + influence @ influence)))
 
     def pair_bounds(self, own: np.ndarray) -> np.ndarray:
-        """Return what products of two columns (N, k) do not exceed, with 95 % confidence: (k, k).
+        """Return upper bounds, with 95 % confidence, for products of two columns (N, k): (k, k).
 
-        Each pair by itself, as in `Effect.upper_bound`.
+        Each bound is for one pair, like `Effect.upper_bound`.
         """
         num_columns, weighted = own.shape[1], own * self._errors
         total, squares, fourth = (np.zeros((num_columns, num_columns)) for _ in range(3))

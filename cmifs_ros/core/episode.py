@@ -22,9 +22,9 @@ class Episode:
         ``rewards[t]`` is the reward of the step taken from ``states[t]``; None, as for a
         demonstration without rewards, sets all to 0.
     actions : array_like, shape (T, a), optional
-        ``actions[t]`` is the action taken at ``states[t]``; one column where the shape is (T,).
+        ``actions[t]`` is the action taken at ``states[t]``; shape (T,) is one column.
     source : str
-        The robot or the recording it is from, where there are several: each may have its own mean.
+        The robot or recording, if there are several: each may have its own mean.
 
     Raises
     ------
@@ -95,8 +95,8 @@ def as_episodes(data: Iterable[Episode] | tuple[np.ndarray, ...]) -> list[Episod
     ----------
     data : iterable of Episode, or arrays of shapes (M, N, v), (M, N) and, optionally, (M, N, a)
         States, rewards and actions of M episodes of N steps. NaN and masked states
-        are gaps. A gap is filled with the previous value in its episode, else with the next one,
-        else with the channel's median. Infinite values mean out of range (REP 117); they become
+        are gaps. A gap is filled with the previous value in its episode, or the next one, or the
+        channel's median. Infinite values mean out of range (REP 117); they become
         the channel's greatest or least finite value.
 
     Raises

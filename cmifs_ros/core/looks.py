@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""The level of a selection that is made again and again while episodes come in.
+"""The significance level of a selection that is repeated while episodes arrive.
 
-Each look at the data may find something by chance. So a task's whole life has one level, and each
+Each look at the data may find something by chance. So all looks at a task share one level, and each
 look spends a part of it (Lan & DeMets, Discrete sequential boundaries for clinical trials, 1983).
 """
 
@@ -10,32 +10,32 @@ from __future__ import annotations
 
 import math
 
-#: By how much each doubling of the data, with any number of looks, is worse than a single look;
-#: `make looks` shows it.
+#: Error rate over a doubling of the data, with any number of looks, relative to a single look; see
+#: `make looks`.
 _LOOKS_A_DOUBLING = 1.5
-#: After so many doublings a look may spend a quarter as much.
+#: Number of doublings after which a look spends a quarter as much.
 _PACE = 4.0
 
 
 def level_of_look(significance: float, num_seen: int, num_first: int, buffer_size: int) -> float:
     """Return the level of a look at the newest episodes.
 
-    Where the looks before were as many as one likes, something irrelevant is ever confirmed with a
-    probability of at most `significance`.
+    With any number of earlier looks, the probability that an irrelevant sensor is ever confirmed is
+    at most `significance`.
 
     Parameters
     ----------
     significance : float
-        That of all looks together.
+        Level of all looks together.
     num_seen : int
-        Episodes since the task began, also those that have left the buffer.
+        Number of episodes since the task began, including those removed from the buffer.
     num_first : int
-        Episodes at the first look, at least 1.
+        Number of episodes at the first look, at least 1.
     buffer_size : int
-        Greatest number of episodes that are looked at.
+        Greatest number of episodes in a look.
 
     """
-    # A doubling of the data is as good as new data; so is a whole new buffer.
+    # A doubling of the data counts as new data; so does a completely new buffer.
     in_buffer = min(num_seen, max(buffer_size, num_first))
     doublings = math.log2(max(in_buffer / num_first, 1.0))
     renewals = doublings + (num_seen - in_buffer) / in_buffer

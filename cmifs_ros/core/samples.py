@@ -16,14 +16,14 @@ from .returns import discounted_returns
 
 @dataclass(frozen=True)
 class Samples:
-    """Everything observed, one row a step of an episode.
+    """All observations, one row for each step of an episode.
 
     Attributes
     ----------
     returns : numpy.ndarray, shape (N,)
     states : numpy.ndarray, shape (N, v)
     owner, step : numpy.ndarray of int, shape (N,)
-        Episode and time step of each row; the rows of an episode follow each other.
+        Episode and time step of each row; the rows of an episode are consecutive.
     rewards : numpy.ndarray, shape (N,), optional
         The reward of each step; by default 0.
     actions : numpy.ndarray, shape (N, a), optional
@@ -50,15 +50,15 @@ class Samples:
             object.__setattr__(self, 'sources', np.full(self.owner[-1] + 1, ''))
 
     def with_channels(self, columns: np.ndarray) -> Samples:
-        """Return the same samples with further channels (N, k) behind their own."""
+        """Return the samples with further channels (N, k) appended."""
         return replace(self, states=np.hstack([self.states, columns]))
 
     def without_actions(self) -> Samples:
-        """Return the same samples without the actions."""
+        """Return the samples without the actions."""
         return replace(self, actions=self.actions[:, :0])
 
     def transitions(self) -> tuple[Samples, np.ndarray]:
-        """Return the samples that another step follows, and the states (N', v) of that step."""
+        """Return the samples that have a next step, and the states (N', v) of that step."""
         rows = np.flatnonzero(self.owner[1:] == self.owner[:-1])
         present, owner = np.unique(self.owner[rows], return_inverse=True)
         before = Samples(
@@ -149,13 +149,13 @@ def split_by_step(
     ----------
     samples : Samples
     max_time_bins : int, optional
-        Greatest number of bins; None keeps every step by itself.
+        Greatest number of bins; None never pools steps.
     num_folds : int
-        Folds; fewer where fewer episodes reach a step.
+        Number of folds; fewer at a step that fewer episodes reach.
     num_centers : int, optional
         Greatest number of kernel centres in a step, drawn at random; None takes all samples.
     random_state : int
-        Seed of the folds, the centres and the samples that are left out.
+        Seed of the folds, the centres and the samples left out.
     max_samples : int, optional
         Greatest number of samples in a bin, drawn at random; None keeps all.
 
@@ -190,10 +190,10 @@ def step_samples(
 
 
 def normal_scores(values: np.ndarray) -> np.ndarray:
-    """Return values (N,) or (N, v) as quantiles of a normal law, by their ranks; ties share one.
+    """Return values (N,) or (N, v) as normal scores: quantiles of their ranks; ties share one.
 
-    Mutual information is invariant under monotone maps of a variable. So an absurd reading is only
-    the largest one, and readings that span decades are as far apart as others.
+    Mutual information is invariant under monotone maps of a variable. With normal scores, an absurd
+    reading is merely the largest one, and readings over several decades are evenly spaced.
     """
     scores = np.empty(values.shape)
     for column, of_column in zip(np.atleast_2d(values.T), np.atleast_2d(scores.T), strict=True):
@@ -204,9 +204,9 @@ def normal_scores(values: np.ndarray) -> np.ndarray:
 
 
 def standardized(values: np.ndarray) -> np.ndarray:
-    """Return values (N,) or (N, v) of mean 0 and standard deviation 1, constant channels as 0."""
+    """Scale values (N,) or (N, v) to mean 0 and standard deviation 1, constants to 0."""
     size = np.max(np.abs(values), axis=0)
     values = values / np.where(size > 0, size, 1.0)  # so that no square overflows
-    constant = np.ptp(values, axis=0) == 0  # of which rounding would leave a spread of 1e-16
+    constant = np.ptp(values, axis=0) == 0  # whose spread would be 1e-16 by rounding
     centred = np.where(constant, 0.0, values - np.mean(values, axis=0))
     return centred / np.where(constant, 1.0, np.std(values, axis=0))

@@ -10,7 +10,7 @@ import numpy as np
 
 DIRECTIONS = ('forward', 'backward')
 
-#: A sensor is given by its channels.
+#: A sensor, as its channels.
 Sensor = tuple[int, ...]
 Criterion = Callable[[Sequence[Sequence[int]]], np.ndarray]
 

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""One selection as a job: settings and episodes in, a plain result out."""
+"""A selection: a function of settings and episodes, and its result as plain data."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ METHODS = {'conditional_mi': ConditionalMISelector, 'kdr': KDRSelector}
 
 @dataclass(frozen=True)
 class SensorResult:
-    """What a selection says of one sensor. What its method does not estimate is None or empty.
+    """The result for one sensor. Values that the method does not estimate are None or empty.
 
     Attributes
     ----------
@@ -34,24 +34,24 @@ class SensorResult:
     channels : tuple of str
         All channels of the sensor.
     is_selected : bool
-        Whether its channels are.
+        Whether it is selected.
     score : float
-        The criterion of the sensor with those ranked before it; of one that was tested and not
-        selected, with all that were selected.
+        The score of the sensor together with those ranked before it; if it was tested but not
+        selected, together with all selected ones.
     is_constant : bool
-        Whether none of its channels ever changed, so that there was nothing to test.
+        Whether none of its channels ever changed, so that it was not tested.
     null_band : (float, float, float) or None
         The score of an uninformative sensor at the same place: 5 %, median, 95 %.
     pvalue : float or None
-        Of the hypothesis that the sensor is uninformative beside the others selected, corrected
-        for the number of sensors.
+        p-value of the hypothesis that the sensor is uninformative given the other selected ones,
+        corrected for the number of sensors.
     status : str or None
         One of `STATUSES`.
     supporting_channels : tuple of str
-        The channels that the evidence comes from: all, or the informative ones of a large group.
+        The channels that carry the evidence: all, or the informative ones of a large group.
     redundant_with : tuple of str
-        Confirmed sensors; without one of these there would be strong evidence for this one. So
-        of a copy, or another reading of the same quantity.
+        Confirmed sensors; without one of these there would be strong evidence for this one. A copy
+        is redundant with its original.
     stability : float or None
         Share of random halves of the episodes in which the sensor is selected.
     effect : Effect or None
@@ -77,31 +77,31 @@ class SensorResult:
 
 @dataclass(frozen=True)
 class Selection:
-    """What was selected, and on what evidence: the one result that everything shows.
+    """The result of a selection, which all outputs show: the sensors and their evidence.
 
     Attributes
     ----------
     indices : tuple of int
         Selected channels, best sensor first.
     sensors : tuple of SensorResult
-        All that were ranked, best first.
+        All ranked sensors, best first.
     episodes, steps : int
-        Size of the data it rests on.
+        Size of the data used.
     seconds : float
         Computing time.
     means, spreads : tuple of float
-        Mean and standard deviation of each channel, and last of the reward, in those data.
+        Mean and standard deviation in these data of each channel and, last, of the reward.
     outdated : int
-        How many of the oldest episodes no longer fit the newest, and were left out.
+        Number of the oldest episodes that no longer fit the newest and were left out.
     number : int
-        Tells apart the selections that a node puts to use, and grows; 0 if it is not in use.
+        Running number of a selection that a node uses; 0 if it is not in use.
     target : str
-        What the sensors were selected for; see `targets`.
+        The question; see `targets`.
     predicted_share, predicted_share_of_all : float or None
-        Share of the target's variance that the selected sensors predict in episodes left out, and
-        that all sensors do.
+        Share of the target's variance that the selected sensors, and all sensors, predict in
+        held-out episodes.
     warnings : tuple of str
-        What limits what the data show.
+        What the data cannot show.
     margin : float or None
         A sensor that adds less than this share of the target's variance is dispensable.
     doubt : str
@@ -127,7 +127,7 @@ class Selection:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the selected channels, as `indices`."""
+        """Names of the selected channels, in the order of `indices`."""
         return tuple(name for s in self.sensors if s.is_selected for name in s.channels)
 
     @property
@@ -137,17 +137,17 @@ class Selection:
 
     @property
     def scores(self) -> tuple[float, ...]:
-        """Scores of all sensors, as `ranking`."""
+        """Scores of all sensors, in the order of `ranking`."""
         return tuple(sensor.score for sensor in self.sensors)
 
     @property
     def confirmed(self) -> tuple[str, ...]:
-        """Names of the sensors that are confirmed."""
+        """Names of the confirmed sensors."""
         return tuple(sensor.name for sensor in self.sensors if sensor.status == CONFIRMED)
 
     @property
     def changing(self) -> tuple[SensorResult, ...]:
-        """The sensors that ever changed; the others have no score of their own."""
+        """The sensors that are not constant; the others have no score of their own."""
         return tuple(sensor for sensor in self.sensors if not sensor.is_constant)
 
 
@@ -164,7 +164,7 @@ def select(
     least_kept: int | None = None,
     progress: Callable[[float], None] = lambda fraction: None,
 ) -> Selection:
-    """Fit the selector of a method, with the given settings, and return what it found.
+    """Fit the selector of a method with the given settings, and return the result.
 
     Parameters
     ----------
@@ -175,16 +175,16 @@ def select(
     settings : dict
         Parameters of the selector.
     action_names, ordered
-        As of `ConditionalMISelector.fit`; KDR has no use for them.
+        As of `ConditionalMISelector.fit`; KDR ignores them.
     start : collection of str
         Sensors of an earlier selection.
     num_halves : int
-        How many random halves of the episodes to select from for `SensorResult.stability`.
+        Number of random halves of the episodes for `SensorResult.stability`.
     least_kept : int, optional
-        Where the task has changed, leave out the oldest episodes, but none of the newest
-        `least_kept`. None leaves out none, nor does a method without evidence.
+        If the task has changed, leave out the oldest episodes, but none of the newest `least_kept`.
+        None, or a method without a test, leaves out none.
     progress : callable
-        Told the share that is done.
+        Called with the completed share.
 
     """
     begin = time.perf_counter()
@@ -205,11 +205,11 @@ def select(
             target=selector.target,
         )
     if outdated:
-        episodes = episodes[outdated:]  # Of another task: what was confirmed in it is not any more.
+        episodes = episodes[outdated:]  # What was confirmed belongs to another task.
         _fit(selector, episodes, progress=progress, **options)
     progress(1.0)
     samples = np.concatenate([np.column_stack([e.states, e.rewards]) for e in episodes])
-    with np.errstate(over='ignore', invalid='ignore'):  # Huge values: their spread is inf.
+    with np.errstate(over='ignore', invalid='ignore'):  # The spread of huge values is inf.
         means, spreads = samples.mean(axis=0), samples.std(axis=0)
     stability = _stability(selector, episodes, options, num_halves)
     return Selection(
@@ -230,19 +230,19 @@ def select(
 
 
 def _fit(selector: SensorSelector, episodes: Sequence[Episode], **options) -> None:
-    """Fit without Python's warnings: they stand in the selection."""
+    """Fit without Python's warnings: the selection contains them."""
     with warnings.catch_warnings():
         warnings.simplefilter('ignore', UserWarning)
         selector.fit(episodes, **options)
 
 
 def _has_test(selector: SensorSelector) -> bool:
-    """Tell whether the method, as it is set, tests the sensors that it ranks."""
+    """Return whether the method, with these settings, tests the sensors that it ranks."""
     return len(getattr(selector, 'pvalues_', ())) > 0
 
 
 def _results(selector: SensorSelector, stability: np.ndarray | None) -> tuple[SensorResult, ...]:
-    """Return what the selector found of each sensor, best first; see `SensorResult`."""
+    """Return the selector's result for each sensor, best first."""
     names = selector.feature_names_in_
     results = [
         SensorResult(

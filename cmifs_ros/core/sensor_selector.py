@@ -88,12 +88,12 @@ class SensorSelector(ABC):
         names : sequence of str, optional
             One name for each channel; x0, x1, ... by default.
         start : collection of str
-            Sensors of an earlier selection. Where the method has a test, the search begins with
-            them, and they stay selected unless they are dispensable: so the one in use of two
-            equals stays, and nothing goes for lack of evidence alone.
+            Sensors of an earlier selection. If the method has a test, the search begins with them,
+            and they stay selected unless they are dispensable. So of two equivalent sensors the
+            one in use stays, and none is dropped for lack of evidence alone.
         progress : callable
-            Called with a fraction that grows towards 1 as sensors are found. Their number is not
-            known in advance.
+            Called with a fraction that grows towards 1 as sensors are found; their number is
+            unknown in advance.
 
         Raises
         ------

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""Stepwise selection: of the sensors that have evidence, the one with the best score."""
+"""Stepwise selection: add the sensor with the best score among those with evidence."""
 
 from __future__ import annotations
 
@@ -12,24 +12,23 @@ import numpy as np
 from .chance import combined_pvalue
 from .search import Criterion, Sensor
 
-#: Of those without evidence, so many are listed one after the other.
+#: Number of sensors without evidence that are listed given each other.
 _MAX_LISTED = 8
-#: Channels of which all pairs are tried where no single one has evidence.
+#: Number of channels of which all pairs are tried if no single one has evidence.
 _MAX_PAIRED = 24
-#: Evidence is strong where it would be so at this share of the level.
+#: Evidence is strong if the p-value is at most this share of the level.
 _STRONG = 0.1
-#: p-value, for no choice corrected, from which on nothing speaks for a sensor.
+#: Sensors with a greater uncorrected p-value are unlikely to be informative.
 _LEAST_LIKELY = 0.2
-#: A sensor of so many channels may enter whole; of a larger one, one channel enters first.
+#: A sensor of up to this many channels may enter whole; a larger one enters by one channel.
 _MAX_WHOLE = 3
 
 
 class Finding(NamedTuple):
-    """A sensor, the channels that speak for it, the criterion with them, and its evidence.
+    """A sensor with its supporting channels, its score and its evidence.
 
-    The p-value is corrected for the number of candidates that were left (Bonferroni).
-    `redundant_with` are the confirmed sensors without one of which there would be strong evidence
-    for this one.
+    The p-value is corrected for the number of remaining candidates (Bonferroni). `redundant_with`
+    are confirmed sensors: without one of them there would be strong evidence for this one.
     """
 
     sensor: int
@@ -40,20 +39,20 @@ class Finding(NamedTuple):
 
 
 class StepwiseSelection:
-    """Find the sensors that tell something about the return given the others selected.
+    """Find the sensors that are informative given the other selected ones.
 
     Parameters
     ----------
     criterion : callable
         Scores channel subsets.
     test : callable
-        Gives the p-value of each of several candidates given channels, as `ConditionalTest`.
+        Returns the p-value of each candidate given some channels, like `TargetTest`.
     sensors : sequence of tuple of int
-        The channels of each sensor, without those that never change; may be empty.
+        The channels of each sensor, without constant ones.
     significance : float
         Level at which a sensor is confirmed, over all sensors.
     progress : callable
-        Told a fraction that grows with each sensor found.
+        Called with a fraction that grows with each sensor found.
 
     """
 
@@ -75,8 +74,8 @@ class StepwiseSelection:
     def confirmed(self, start: Sequence[int] = ()) -> list[Finding]:
         """Return the confirmed sensors, in the order in which they were found.
 
-        The search begins with the sensors of `start`, which stay. Those of weak evidence come last:
-        what adds much and what is redundant with it may score alike.
+        The search begins with the sensors of `start`, which stay. Sensors with weak evidence come
+        last, because a sensor that adds much and one that is redundant with it may score alike.
         """
         known = [f._replace(pvalue=0.0) for f in self._candidates(start, [])]
         chosen = self._joined([], known)
@@ -92,7 +91,7 @@ class StepwiseSelection:
         return self._scored(sorted(chosen, key=lambda f: f.pvalue > _STRONG * self._significance))
 
     def tested(self, sensors: Sequence[int]) -> list[Finding]:
-        """Return those of the sensors, each whole, that have evidence given the others."""
+        """Return those of the sensors, each as a whole, that have evidence given the others."""
         chosen = [Finding(i, self._sensors[i], 0.0, pvalue=0.0) for i in sensors]
         return self._scored(self._without_superfluous(chosen, num_candidates=len(self._sensors)))
 
@@ -107,7 +106,7 @@ class StepwiseSelection:
     def listed(self, chosen: Sequence[Finding]) -> list[Finding]:
         """Return all other sensors, each scored and tested with the chosen ones.
 
-        First come those that are likely to tell something beside these and each other, then the
+        First come those that are likely to be informative given these and each other, then the
         rest by their scores.
         """
         added = list(chosen)
@@ -123,7 +122,7 @@ class StepwiseSelection:
     def with_redundant(
         self, confirmed: Sequence[Finding], others: Sequence[Finding]
     ) -> list[Finding]:
-        """Return the other findings, and of each which of the confirmed it is redundant with."""
+        """Return the other findings, each with the confirmed sensors it is redundant with."""
         replaced: dict[int, tuple[int, ...]] = {}
         for place, finding in enumerate(confirmed):
             rest = [*confirmed[:place], *confirmed[place + 1 :]]
@@ -153,11 +152,11 @@ class StepwiseSelection:
     ) -> list[Finding]:
         """Return the best unit of each sensor, best score first.
 
-        Only of those whose p-value, not yet corrected, is at most `level`: a score costs more.
+        Only for those whose uncorrected p-value is at most `level`, because scores are expensive.
         """
         given = self._given(taken)
         of_sensor, of_units = self._evidence(sensors, taken)
-        # Where that of a sensor is small enough, that of one of its units is so all the more.
+        # If the p-value of a sensor is small enough, that of one of its units is even smaller.
         units = [(i, u) for (i, u), p in of_units.items() if max(p, of_sensor[i]) <= level]
         scores = self._criterion([[*given, *unit] for _, unit in units])
         best: dict[int, Finding] = {}
@@ -183,13 +182,13 @@ class StepwiseSelection:
         return self._candidates(self._left(chosen), chosen, level)[:1]
 
     def _joined(self, chosen: list[Finding], found: list[Finding]) -> list[Finding]:
-        """Return both; to those found further channels of their sensors have joined."""
+        """Return both, with further channels of their sensors added to those found."""
         for place, finding in enumerate(found):
             chosen = [*chosen, self._grown(finding, [*chosen, *found[place + 1 :]])]
         return chosen
 
     def _grown(self, finding: Finding, others: Sequence[Finding]) -> Finding:
-        """Return the finding with further channels of its sensor, while these tell something."""
+        """Return the finding with further channels of its sensor that have evidence."""
         while left := [c for c in self._sensors[finding.sensor] if c not in finding.channels]:
             pvalues = self._test([(c,) for c in left], self._given([*others, finding]))
             likeliest = int(np.argmin(pvalues))
@@ -199,7 +198,7 @@ class StepwiseSelection:
         return finding
 
     def _pair(self) -> list[Finding]:
-        """Return two sensors that have evidence given each other, and a better score together."""
+        """Return two sensors with evidence given each other and a better joint score, or none."""
         channels = [(i, (channel,)) for i, sensor in enumerate(self._sensors) for channel in sensor]
         pvalues = self._test([unit for _, unit in channels], [])
         best: dict[int, Finding] = {}
@@ -227,10 +226,10 @@ class StepwiseSelection:
     def _without_superfluous(
         self, chosen: list[Finding], num_candidates: int = 1, kept: Sequence[int] = ()
     ) -> list[Finding]:
-        """Remove what has no evidence given the rest, the weakest first; but some sensors stay.
+        """Remove sensors without evidence given the rest, the weakest first; keep those of `kept`.
 
-        What was found among many candidates is not one of many any more: its p-value is that of
-        then, unless the greater one is that given the rest.
+        The new p-value is not corrected for the number of candidates; each finding keeps the
+        greater one of its two p-values.
         """
         given_rest: list[float] = []
         while chosen:
@@ -253,7 +252,7 @@ class StepwiseSelection:
         ]
 
     def _scored(self, chosen: list[Finding]) -> list[Finding]:
-        """Return the findings, each with the criterion of it and those before it."""
+        """Return the findings, each with its score together with those before it."""
         return [
             finding._replace(score=float(self._criterion([self._given(chosen[: i + 1])])[0]))
             for i, finding in enumerate(chosen)

@@ -1,16 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""What sensors are asked about: the return, the action, or all that a controller needs.
+"""What to select sensors for: the return, a decision, or the action.
 
 `return`
     The paper's question: what does the return of the recorded policy depend on, given the action?
 `decision`
-    What does a controller need that is to be learned or changed? Sensors on which the reward
-    depends given the action, and sensors that predict these at the next step, and so on: with them
-    the state is Markov (the recursion of Castelletti, Galelli, Restelli & Soncini-Sessa, Tree-based
+    What does a controller need if it is to be learned or changed? The sensors on which the reward
+    depends given the action, the sensors that predict these at the next step, and so on. They make
+    the state Markov (the recursion of Castelletti, Galelli, Restelli & Soncini-Sessa, Tree-based
     feature selection for dimensionality reduction of large-scale control systems, 2011).
 `action`
-    What does the recorded controller look at? Needs no reward.
+    What does the recorded controller look at? This needs no reward.
 """
 
 from __future__ import annotations
@@ -27,12 +27,12 @@ from .evidence import ConditionalTest
 from .samples import Samples
 
 TARGETS = RETURN, DECISION, ACTION = ('return', 'decision', 'action')
-#: Why a sensor is needed by a decision, beside 'predicts NAME'.
+#: Why a decision needs a sensor, if not because it 'predicts NAME'.
 REWARD = 'reward'
 
 
 class TargetTest:
-    """Test channels given others for one of `TARGETS`; a target may consist of several variables.
+    """Test channels given others for one of `TARGETS`, which may consist of several variables.
 
     Parameters
     ----------
@@ -73,20 +73,20 @@ class TargetTest:
             ]
 
     def __call__(self, candidates: Sequence[Sequence[int]], given: Sequence[int]) -> np.ndarray:
-        """Return the p-value of each candidate, some channels, given others: shape (C,).
+        """Return the p-value of each candidate set of channels given others: shape (C,).
 
-        That over all variables of the target; nothing is corrected for the number of candidates.
+        It combines all variables of the target, and is not corrected for the number of candidates.
         """
         of_candidates = self._of_all('pvalues', candidates, given)
         return np.array([combined_pvalue(list(of.values())) for of in of_candidates])
 
     def why(self, candidate: Sequence[int], given: Sequence[int]) -> str:
-        """Return the variable for which the evidence for a candidate is strongest; '' of none."""
+        """Return the variable with the strongest evidence for a candidate; '' without variables."""
         (pvalues,) = self._of_all('pvalues', [candidate], given)
         return min(pvalues, key=pvalues.__getitem__, default='')
 
     def effects(self, candidates: Sequence[Sequence[int]], given: Sequence[int]) -> list[Effect]:
-        """Return what each candidate adds, to the variable for which it may be most."""
+        """Return what each candidate adds to the variable with the greatest upper bound."""
         none = Effect(0.0, 0.0)
         return [
             max(of.values(), key=lambda effect: effect.upper_bound, default=none)
@@ -94,7 +94,7 @@ class TargetTest:
         ]
 
     def pair_bounds(self, channels: Sequence[int], given: Sequence[int]) -> np.ndarray:
-        """Return what pairs of channels may add as products, at most: shape (k, k)."""
+        """Return upper bounds of what products of two channels add: shape (k, k)."""
         return np.max([test.pair_bounds(channels, given) for test in self._tests], axis=0)
 
     def predicted_share(self, given: Sequence[int]) -> float:
@@ -102,6 +102,6 @@ class TargetTest:
         return self._tests[0].predicted_share(given)
 
     def _of_all(self, what: str, candidates, given) -> list[dict]:
-        """Return what the tests say of each candidate, for all variables by their names."""
+        """Return the results of the tests for each candidate, by the names of the variables."""
         of_tests = [getattr(test, what)(candidates, given) for test in self._tests]
         return [reduce(or_, of_candidate) for of_candidate in zip(*of_tests, strict=True)]

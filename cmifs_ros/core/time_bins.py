@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""How many time bins: neighbouring steps are pooled where that raises the score."""
+"""Choose the number of time bins: neighbouring steps are pooled if that raises the score."""
 
 from __future__ import annotations
 
@@ -8,23 +8,23 @@ from collections.abc import Callable, Sequence
 
 from .search import Criterion, Sensor, forward_selection
 
-#: As many bins as episodes may have where steps are not pooled.
+#: Number of bins if steps are not pooled into a single one.
 MOST_BINS = 32
-#: How much greater the score must be for steps to be pooled that could be told apart.
+#: Factor and margin by which the score must be greater to pool all steps.
 _POOLING_FACTOR, _POOLING_MARGIN = 1.5, 0.1
-#: The scores of so many sensors together are compared.
+#: Number of sensors whose joint scores are compared.
 _NUM_TRIED = 2
 
 
 def choose_time_bins(
     make_criterion: Callable[[int], Criterion], units: Sequence[Sensor]
 ) -> tuple[int, Criterion]:
-    """Return 1 or `MOST_BINS`, by which the score is greater, and the criterion.
+    """Return 1 or `MOST_BINS`, whichever has the greater score, and the criterion.
 
     Parameters
     ----------
     make_criterion : callable
-        Gives the criterion of a number of bins.
+        Returns the criterion for a number of bins.
     units : sequence of tuple of int
         Channels that are likely to be informative.
 

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""What each sensor adds, and whether it is confirmed, dispensable or undecided."""
+"""Verdicts: what each sensor adds, and whether it is confirmed, dispensable or undecided."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from .targets import TargetTest
 
 
 class Verdict(NamedTuple):
-    """What is said of a sensor.
+    """The verdict on a sensor.
 
     Attributes
     ----------
     status : str
         One of `STATUSES`.
     effect : Effect
-        What it adds beside the selected sensors.
+        What it adds to the prediction by the selected sensors.
     why : str
         The variable of the target for which the evidence is strongest.
 
@@ -45,12 +45,11 @@ def verdicts(
     significance: float,
     margin: float,
 ) -> list[Verdict]:
-    """Return a verdict on each finding, of which the first are selected.
+    """Return a verdict on each finding; the first `num_selected` are selected.
 
-    What was confirmed before stays so unless it is dispensable now. A sensor is dispensable if it
-    is not confirmed and adds less than `margin` of the target's variance, with 95 % confidence,
-    and so do its products with others that are not confirmed: two that matter only together are
-    not.
+    Sensors confirmed before stay confirmed unless they are dispensable now. A sensor is dispensable
+    if it is not confirmed and, with 95 % confidence, adds less than `margin` of the target's
+    variance, and so do its products with other unconfirmed sensors: two may matter only together.
     """
     selected = list(findings[:num_selected])
     given = [c for finding in selected for c in finding.channels]
@@ -77,7 +76,7 @@ def verdicts(
 
 
 def _in_pairs(test, sensors, candidates, given, margin) -> set[int]:
-    """Return the sensors a pair of which may add `margin` or more."""
+    """Return the sensors that may add `margin` or more as a pair."""
     channels = [(sensor, c) for sensor in candidates for c in sensors[sensor]]
     if len(candidates) < 2:
         return set()

@@ -13,7 +13,7 @@ def counted(count: int | str, noun: str) -> str:
 
 
 def listed(names: Sequence[str]) -> str:
-    """Return names as text that stays short, however many and however long they are."""
+    """Return names as a short text, even if they are many or long."""
     return first([short(name) for name in names])
 
 
@@ -23,6 +23,6 @@ def short(name: str) -> str:
 
 
 def first(texts: Sequence[str]) -> str:
-    """Return the first eight texts, and how many more there are."""
+    """Return the first eight texts and the number of the others."""
     more = [f'{len(texts) - 8} more'] if len(texts) > 8 else []
     return ', '.join([*texts[:8], *more])

@@ -30,9 +30,9 @@ def flatten(observation) -> np.ndarray:
 def channel_names(env) -> tuple[str, ...]:
     """Return a name for each channel of an environment's observation.
 
-    The names are the keys of a Dict space, numbered where the value is an array; else those in the
-    `observation_structure` of MuJoCo's environments (``qpos_0``, ``qvel_0``); else ``obs_0``,
-    ``obs_1``, ...
+    The names are the keys of a Dict space, numbered if the value is an array; otherwise those in
+    the `observation_structure` of MuJoCo's environments (``qpos_0``, ``qvel_0``); otherwise
+    ``obs_0``, ``obs_1``, ...
     """
     sample = env.observation_space.sample()
     if isinstance(sample, Mapping):
@@ -44,7 +44,7 @@ def channel_names(env) -> tuple[str, ...]:
         )
     count = len(flatten(sample))
     structure = getattr(env.unwrapped, 'observation_structure', None) or {}
-    # `skipped_qpos` and the like count what is not observed.
+    # `skipped_qpos` and similar entries count what is not observed.
     sizes = {k: n for k, n in structure.items() if not k.startswith('skipped') and n}
     if sum(sizes.values()) == count:
         return tuple(f'{key}_{i}' for key, size in sizes.items() for i in range(size))
@@ -55,23 +55,23 @@ def action_names(env) -> tuple[str, ...]:
     """Return a name for each number of an environment's actions, as episodes hold them.
 
     A Discrete action is one-hot, ``action.0``, ``action.1``, ...; the values of a Box are
-    ``action_0``, ``action_1``, ..., or ``action`` if it is one. MultiDiscrete, Dict and Tuple
-    consist of such parts. Other spaces, and an environment without one, have no names.
+    ``action_0``, ``action_1``, ..., or ``action`` if there is only one. MultiDiscrete, Dict and
+    Tuple consist of such parts. Other spaces, and an environment without one, have no names.
     """
     space = getattr(env, 'action_space', None)
     return () if space is None else tuple(named_action(space, deepcopy(space).sample()))
 
 
 def named_action(space, action, name: str = 'action') -> dict[str, float]:
-    """Return the numbers of an action by the names that `action_names` gives them.
+    """Return the numbers of an action, with the names of `action_names`.
 
     Parameters
     ----------
     space : gymnasium.spaces.Space
     action : object
-        Of the space.
+        An element of the space.
     name : str
-        What the names begin with.
+        Beginning of the names.
 
     """
     kinds = {kind.__name__ for kind in type(space).__mro__}
@@ -106,7 +106,7 @@ def collect_episodes(
 ) -> list[Episode]:
     """Return episodes of an environment with their actions, the same for the same seed.
 
-    The values of the actions are those of `action_names(env)`.
+    The values of an action are named by `action_names(env)`.
 
     Parameters
     ----------

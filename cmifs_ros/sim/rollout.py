@@ -17,7 +17,7 @@ def rollout(
 ) -> list[Episode]:
     """Return episodes of 20 steps, bit for bit the same for the same seed.
 
-    They have no actions, which the paper's criterion leaves out.
+    They have no actions, because the paper's criterion does not use them.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""Checked values of command lines: functions for the `type` of argparse."""
+"""Validated command-line values: functions for the `type` of argparse."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pathlib import Path
 
 
 def number_from(least: int) -> Callable[[str], int]:
-    """Return a reader of one whole number of at least so much."""
+    """Return a parser of a whole number of at least `least`."""
 
     def number(text: str) -> int:
         if not text.isdecimal() or int(text) < least:
@@ -22,7 +22,7 @@ def number_from(least: int) -> Callable[[str], int]:
 
 
 def numbers_from(least: int) -> Callable[[str], list[int]]:
-    """Return a reader of whole numbers with commas between; they come sorted, each once."""
+    """Return a parser of whole numbers separated by commas; sorted, without repetitions."""
 
     def numbers(text: str) -> list[int]:
         try:
@@ -39,7 +39,7 @@ def numbers_from(least: int) -> Callable[[str], list[int]]:
 
 
 def between(low: float, high: float) -> Callable[[str], float]:
-    """Return a reader of a number above one and up to another."""
+    """Return a parser of a number above one bound and up to another."""
 
     def number(text: str) -> float:
         try:
@@ -56,7 +56,7 @@ def between(low: float, high: float) -> Callable[[str], float]:
 
 
 def names_among(choices: Collection[str]) -> Callable[[str], list[str]]:
-    """Return a reader of names with commas between; they come in the order of the choices."""
+    """Return a parser of names separated by commas; in the order of the choices."""
 
     def names(text: str) -> list[str]:
         found = text.split(',')
@@ -70,12 +70,12 @@ def names_among(choices: Collection[str]) -> Callable[[str], list[str]]:
 
 
 def home_path(text: str) -> Path:
-    """Read a path; `~`, which the shell leaves as it is within a word, is the user's folder."""
+    """Parse a path; `~`, which the shell expands only at the beginning, is the home folder."""
     return Path(os.path.expanduser(text))
 
 
 def file_to_write(text: str) -> Path:
-    """Read the name of a file, new or not; its folder need not be there yet."""
+    """Parse the name of a file to write; neither it nor its folder need exist."""
     path = home_path(text)
     if path.is_dir():
         raise argparse.ArgumentTypeError(
@@ -86,13 +86,15 @@ def file_to_write(text: str) -> Path:
 
 
 def folder_to_write(text: str) -> Path:
-    """Read the name of a folder, new or not."""
+    """Parse the name of a folder to write to, which need not exist."""
     whole = home_path(text).absolute()
     there = next(path for path in (whole, *whole.parents) if os.path.lexists(path))
     if not os.path.isdir(there):
-        raise argparse.ArgumentTypeError(f'{there} is no folder; expected one, new or not')
+        raise argparse.ArgumentTypeError(
+            f'{there} is not a folder; expected a folder, existing or not'
+        )
     if not os.access(there, os.W_OK | os.X_OK):
         raise argparse.ArgumentTypeError(
-            f'nothing can be written into {there}; expected a folder that is yours'
+            f'cannot write to {there}; expected a folder with write permission'
         )
     return home_path(text)

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""Where joblib's calls run: on this machine, or on a Dask cluster.
+"""Where joblib runs its calls: on this machine or on a Dask cluster.
 
 distributed is optional: `python3 -m pip install distributed`.
 """
@@ -15,26 +15,26 @@ import joblib
 
 from .program import CommandError
 
-#: Ubuntu 24.04's joblib 1.3 knows less.
+#: Ubuntu 24.04 has joblib 1.3, which lacks what is needed here.
 IS_OLD_JOBLIB = tuple(map(int, joblib.__version__.split('.')[:2])) < (1, 4)
-#: Seconds for a scheduler to answer.
+#: Seconds to wait for a scheduler.
 _PATIENCE = 10
 
 
 @contextmanager
 def backend(scheduler: str | None) -> Iterator[None]:
-    """Have joblib work on this machine, or on the cluster of a Dask scheduler.
+    """Let joblib run on this machine, or on the cluster of a Dask scheduler.
 
-    joblib does not send what a cluster of a single core could do: it does that here.
+    With a cluster of a single core, joblib runs everything on this machine.
 
     Raises
     ------
     CommandError
-        If the cluster cannot be used, or breaks down.
+        If the cluster is unusable or breaks down.
 
     """
     if scheduler is None:
-        # More threads than processes would only get into each other's way.
+        # More threads than processes would only compete with each other.
         with joblib.parallel_config(backend='loky', inner_max_num_threads=1):
             yield
         return
@@ -52,7 +52,7 @@ def backend(scheduler: str | None) -> Iterator[None]:
     except (OSError, ValueError) as error:
         raise CommandError(f'no Dask scheduler answers at {scheduler}: {error}') from error
     with client:
-        # A worker without the package would not say so: its task would never end.
+        # A worker without the package would not report it: its task would never end.
         has_package = client.run(lambda: find_spec('cmifs_ros') is not None)
         if not has_package:
             raise CommandError(f'the cluster of {scheduler} has no worker: dask worker {scheduler}')

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""The whole thing at work: simulator, selector and a downstream node as processes of their own.
+"""A demonstration: simulator, selector and a downstream node as separate processes.
 
-Collects episodes, calls `select_features` as any client would, and shows the ranking with its
+It collects episodes, calls `select_features` like any client, and shows the ranking with its
 evidence, what the downstream node received, and a picture.
 """
 
@@ -34,26 +34,26 @@ from .program import CommandError
 
 #: Steps per second after the episodes are collected: slow enough to read.
 SHOW_RATE = 10.0
-#: The simulator stops after the episodes to select from, that these are the same ones each time,
-#: and then goes on slowly without end.
+#: The simulator pauses after the requested episodes, so that these are the same each time, and then
+#: continues slowly.
 GO_ON = [
     Parameter(name='rate', value=ParameterValue(type=3, double_value=SHOW_RATE)),
     Parameter(name='num_episodes', value=ParameterValue(type=2, integer_value=0)),
 ]
-#: Selected states to show, and how much of each: a terminal has 80 columns.
+#: Number of selected states to show, and characters of each: a terminal has 80 columns.
 NUM_SHOWN = 3
 _LINE_WIDTH = 68
 NEXT = """\
-your own robot next, from what it publishes already (docs/robot_file.md):
+next, your own robot, with the topics it already publishes (docs/robot_file.md):
   ros2 bag record -a --include-hidden-topics -o my_bag
   ros2 run cmifs_ros make_robot_file --bag my_bag --out my_robot.yaml
-  (say in my_robot.yaml what the reward is)
+  (define the reward in my_robot.yaml)
   ros2 run cmifs_ros select_from_bag my_bag --robot my_robot.yaml --report page
   ros2 launch cmifs_ros robot.launch.xml robot_file:=my_robot.yaml"""
 
 
 class Client(Node):
-    """What a user's own program would do: watch the diagnostics and call the service."""
+    """A client like a user's program: it watches the diagnostics and calls the service."""
 
     def __init__(self, processes: Processes):
         super().__init__('demo')
@@ -69,7 +69,7 @@ class Client(Node):
                 self._episodes = int({v.key: v.value for v in status.values}['episodes'])
 
     def wait_for_downstream(self) -> None:
-        """Wait until the downstream node listens, so that it misses nothing."""
+        """Wait until the downstream node has subscribed, so that it misses nothing."""
         while not self.count_subscribers('selected_state'):
             rclpy.spin_once(self, timeout_sec=0.5)
             self._processes.check()
@@ -85,12 +85,12 @@ class Client(Node):
                 shown = self._episodes
 
     def select_features(self) -> dict:
-        """Call the service and return its reply; meanwhile the robot goes on."""
+        """Call the service and return its reply; the robot keeps running meanwhile."""
         selecting = self._call(self._select, Trigger.Request())
         going_on = self._call(self._set_parameters, SetParameters.Request(parameters=GO_ON))
         for result in self._result(going_on).results:
             if not result.successful:
-                raise CommandError(f'the simulator refused to go on: {result.reason}')
+                raise CommandError(f'the simulator refused to continue: {result.reason}')
         reply = self._result(selecting)
         result = json.loads(reply.message)
         if not reply.success:
@@ -127,8 +127,8 @@ def run(options: argparse.Namespace) -> None:
         )
         processes.start('downstream', sys.executable, '-m', 'cmifs_ros.tools.downstream')
         print(
-            f'a simulated robot with {count} sensors ({options.scenario}), the selector and a\n'
-            f'downstream node run as three processes; collecting {options.episodes} episodes'
+            f'three processes: a simulated robot with {count} sensors ({options.scenario}), the\n'
+            f'selector and a downstream node; collecting {options.episodes} episodes'
         )
         client = Client(processes)
         client.wait_for_downstream()
@@ -143,20 +143,20 @@ def run(options: argparse.Namespace) -> None:
         )
         client.wait_for_episodes(options.episodes)
         num_before = len(processes.lines('downstream'))
-        print('calling /select_features; the state keeps flowing meanwhile ...', flush=True)
+        print('calling /select_features; states keep flowing meanwhile ...', flush=True)
         result = client.select_features()
         received = processes.lines('downstream')
         meanwhile = len(received) - num_before
-        # The last ones may be of the selected sensors already; all may have been missed.
+        # The last states may have only the selected channels; all may have been missed.
         before = [line for line in received if len(line.split()) == count][-1:]
         selection = selection_of(result)
         print(
-            f'answered after {selection.seconds:.1f} s of computing on {selection.episodes} '
+            f'reply after {selection.seconds:.1f} s of computing, from {selection.episodes} '
             f'episodes, {selection.steps} steps'
         )
         print_selection(selection, options.scenario)
         lines = _states(processes, len(selection.names) or count)
-    print(f'\nwhat the downstream node received, {meanwhile} states of it during the selection:')
+    print(f'\nreceived by the downstream node ({meanwhile} states during the selection):')
     for line in before:
         print(f'  before  {shorten(line, _LINE_WIDTH, placeholder=" ...")}')
     for line in lines[-NUM_SHOWN:]:
@@ -166,7 +166,7 @@ def run(options: argparse.Namespace) -> None:
 
 
 def _states(processes: Processes, count: int) -> list[str]:
-    """Wait for enough states of `count` sensors at the downstream node; return its lines."""
+    """Wait until the downstream node has enough states of `count` sensors; return them."""
     deadline = time.monotonic() + 10
     while True:
         lines = [line for line in processes.lines('downstream') if len(line.split()) == count]

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""A selection as one HTML page that needs no network: pictures inside, no scripts."""
+"""A selection as one self-contained HTML page: pictures embedded, no scripts, no network."""
 
 from __future__ import annotations
 
@@ -43,34 +43,36 @@ td.name { max-width: 16rem; }
 img { max-width: 100%; } .note { color: #59636e; }
 .warning { background: #fff8c5; border: 1px solid #d4a72c; padding: .4rem .8rem; }
 """ + ' '.join(f'.{status} {{ color: {color}; }}' for status, color in STATUS_COLORS.items())
-#: So many names of channels or other sensors stand in a cell of the table.
+#: Names of channels or sensors in a cell of the table.
 _MAX_NAMES = 20
 
 _READING = (
-    'A sensor adds the share of {variance} that it predicts beside the selected ones. The interval '
-    'holds the true share in 95 of 100 cases. The estimate is unbiased, so that of an '
-    'uninformative sensor it is below 0 half of the time. Confirmed: there is evidence that the '
-    'sensor is informative beside the others selected; p comes from a test of its own that sees '
-    'more than the share does, so a sensor may be confirmed and add little. Dispensable: there is '
-    'no such evidence, and with 95 % confidence the sensor adds less than {margin:.0%}; that bound '
-    'is on one side, so the interval may reach a little further. '
+    'What a sensor adds is the share of {variance} that it predicts beyond the selected ones. The '
+    'interval contains the true share in 95 of 100 cases. The estimate is unbiased, so it is below '
+    '0 half of the time if the sensor is uninformative. Confirmed: there is evidence that the '
+    'sensor is informative given the other selected ones. p comes from a separate test, which is '
+    'more sensitive than the share, so a sensor may be confirmed but add little. Dispensable: '
+    'there is no such evidence, and with 95 % confidence the sensor adds less than {margin:.0%}; '
+    'this bound is one-sided, so the interval may reach a little further. '
     'Undecided: neither; more episodes may settle it. All sensors together may predict less than '
-    'the selected ones, since each uninformative sensor makes the prediction harder to learn.'
+    'the selected ones, because each uninformative sensor makes the prediction harder to learn.'
 )
 _READING_WHY = (
-    ' Why: the reward depends on the sensor, or the sensor predicts the next value of another that '
-    'is needed, and so on up to the reward.'
+    ' Why: the reward depends on the sensor, or the sensor predicts the next value of another '
+    'sensor that is needed, and so on up to the reward.'
 )
-_READING_SCORES = 'The score is the criterion of the sensor with those taken before it.'
+_READING_SCORES = 'The score is that of the sensor together with those ranked before it.'
 _READING_BAND = (
-    'The score ranks; it is not the evidence. It is what the target shares with the sensor and '
-    'those selected before it; for a sensor that is not selected, with all that are. Grey is the '
-    'null band: the scores that an uninformative sensor would have there. More sensors are harder '
-    'to learn from, so the score may fall from one sensor to the next, and that of a confirmed '
-    'sensor may lie within the band; its p-value, above, comes from a sharper test.'
+    'The score ranks sensors; it is not evidence. It is the mutual information of the target with '
+    'the sensor and those selected before it; for a sensor that is not selected, with all selected '
+    'ones. Grey is the null band: the scores of an uninformative sensor at that place. More '
+    'sensors are harder to learn from, so the score may fall from one sensor to the next. A '
+    'confirmed sensor may have a score within the band; its p-value comes from a more sensitive '
+    'test.'
 )
 _READING_ADVICE = (
-    'Dispensable sensors are so beside those to keep. A topic can go when all its channels can.'
+    'Dispensable sensors can go as long as the others are kept. A topic can go if all its channels '
+    'can.'
 )
 
 
@@ -88,27 +90,27 @@ def write_report(
     Parameters
     ----------
     folder : str or pathlib.Path
-        Made if it does not exist; a page that it holds is replaced.
+        Created if it does not exist; an existing page is replaced.
     selection : Selection
     episodes : sequence of Episode
-        Those that the selection rests on.
+        The episodes of the selection.
     names : sequence of str
-        Of the channels of the episodes.
+        Names of the channels.
     dropped : mapping of str to int
-        How many messages, steps or episodes were dropped, by cause.
+        Numbers of dropped messages, steps or episodes by cause.
     advice : Advice, optional
-        What follows, by topic; without it, by sensor.
+        Advice by topic; by default, by sensor.
 
     Raises
     ------
     ValueError
-        If there are no episodes, or they have another number of channels than there are names.
+        If there are no episodes, or the numbers of channels and names differ.
     OSError
         If the folder or the page cannot be written.
 
     """
     if not episodes:
-        raise ValueError('there are 0 episodes; expected those that the selection rests on')
+        raise ValueError('there are 0 episodes; expected those of the selection')
     if episodes[0].num_channels != len(names):
         raise ValueError(
             f'there are {len(names)} names; expected {episodes[0].num_channels}, '
@@ -129,8 +131,8 @@ def write_report(
         _reasons(selection),
         _scores(selection),
         '<h2>Correlation of the selected with the other channels</h2>',
-        '<p class="note">Of the values at all steps. A channel that correlates with a selected '
-        'one may be left out because it says the same again.</p>',
+        '<p class="note">Over all steps. A channel that correlates with a selected one may have '
+        'been left out because it is redundant.</p>',
         _correlation(selection, states, names),
         '<h2>Returns</h2>',
         _image(_draw_returns(episodes), 'histogram of the returns'),
@@ -147,7 +149,7 @@ def write_report(
     )
     path = Path(folder, 'index.html')
     path.parent.mkdir(parents=True, exist_ok=True)
-    # A name that came over the network may hold what no encoding has.
+    # A name from the network may have characters that cannot be encoded.
     path.write_text(page, encoding='utf-8', errors='replace')
     return path
 
@@ -174,7 +176,7 @@ def _reasons(selection: Selection) -> str:
 
 
 def _scores(selection: Selection) -> str:
-    """Return the paper's scores in their null band, where they are not the ranking itself."""
+    """Return the paper's scores with their null band, unless they are the ranking itself."""
     if not _is_tested(selection):
         return ''
     picture = _image(draw_scores(selection), 'score of each sensor of the ranking')
@@ -182,7 +184,7 @@ def _scores(selection: Selection) -> str:
 
 
 def _advice(advice: Advice) -> str:
-    """Return the three lists of the advice, or nothing."""
+    """Return the three lists of the advice; empty if there is none."""
     found = headed(advice)
     lists = [f'<h3>{escape(_sentence(heading))}</h3>{_list(items)}' for heading, items in found]
     if not found:
@@ -215,7 +217,7 @@ def _ranking_table(selection: Selection) -> str:
             cells.append(f'<td class="{kind}">{value}</td>')
         rows.append(f'<tr>{"".join(cells)}</tr>')
     constant = ', '.join(sensor.name for sensor in selection.sensors if sensor.is_constant)
-    more = f'<p>Never changed, and so uninformative: {escape(constant)}</p>' if constant else ''
+    more = f'<p>Constant, and therefore uninformative: {escape(constant)}</p>' if constant else ''
     return f'<table>{"".join(rows)}</table>{more}'
 
 
@@ -232,8 +234,8 @@ def _correlation(selection: Selection, states: np.ndarray, names: Sequence[str])
     varies = np.ptp(states, axis=0) > 0
     others = [c for c in range(len(names)) if c not in selection.indices and varies[c]]
     if not selected or not others:
-        return '<p>There are no two kinds to compare.</p>'
-    # Of many, those that resemble a selected one most.
+        return '<p>There is nothing to compare.</p>'
+    # Of many, those that correlate most with a selected one.
     likeness = np.abs(correlation[:, others]).max(axis=0)
     others = [others[i] for i in np.argsort(-likeness, kind='stable')[:MAX_SHOWN]]
     figure = figure_of(9, 1.6 + 0.35 * len(selected))

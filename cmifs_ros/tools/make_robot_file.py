@@ -23,14 +23,17 @@ def main(arguments: list[str] | None = None, program: str = 'make_robot_file') -
         '--bag',
         type=home_path,
         metavar='BAG',
-        help='a file or a folder (default: listen to what is running)',
+        help='a bag, a file or a folder (default: listen to the running robot)',
     )
     parser.add_argument(
         '--seconds', type=number_from(1), default=5, metavar='N',
-        help='for how long to listen (default 5)',
+        help='seconds to listen (default 5)',
     )  # fmt: skip
     parser.add_argument(
-        '--out', type=file_to_write, metavar='FILE', help='a new file (default: print it)'
+        '--out',
+        type=file_to_write,
+        metavar='FILE',
+        help='file to create (default: print to the terminal)',
     )
     options = parser.parse_args(arguments)
     return exit_code(program, lambda: _run(options), 'nothing is written')
@@ -49,7 +52,7 @@ def _run(options: argparse.Namespace) -> None:
         raise CommandError(f'{options.out} exists; expected the name of a new file') from None
     except (BagError, OSError) as error:
         raise CommandError(str(error)) from error
-    has_ros2 = shutil.which('ros2')  # The nodes run without it too.
+    has_ros2 = shutil.which('ros2')  # The nodes run without it, too.
     run = 'ros2 run cmifs_ros ' if has_ros2 else 'install/cmifs_ros/lib/cmifs_ros/'
     if options.bag:
         # Where pip installed the package, it has no other command.
@@ -59,7 +62,7 @@ def _run(options: argparse.Namespace) -> None:
         then = f'ros2 launch cmifs_ros robot.launch.xml robot_file:={options.out}'
     else:
         then = f'{run}sampler_node --ros-args -p robot_file:={options.out}, and {run}selector_node'
-    print(f'written: {options.out}; decide what is marked TODO in it, then: {then}')
+    print(f'written: {options.out}; complete what is marked TODO, then run: {then}')
 
 
 def _read(bag: Path) -> str:

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""Child processes of a command: started, watched, and ended with it."""
+"""Child processes of a command, which end with it."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from .program import CommandError
 
 
 class InterruptionError(RuntimeError):
-    """The command was told to stop by a signal, which is the argument."""
+    """The command was interrupted by a signal, the argument."""
 
 
 class Processes:
     """The child processes of a command; leaving the context ends them all.
 
-    From its making on, SIGINT and SIGTERM take effect at the next `check`: raised anywhere
-    else, they could leave a process behind that was just being started.
+    While it exists, SIGINT and SIGTERM take effect at the next `check`. Raised anywhere else, they
+    could leave behind a process that is just being started.
     """
 
     def __init__(self, folder: Path):
@@ -34,7 +34,7 @@ class Processes:
             signal.signal(number, lambda number, _: self._signals.append(number))
 
     def start(self, name: str, *command: str) -> None:
-        """Start a process whose output goes to a file."""
+        """Start a process with its output in a file."""
         with self.log(name).open('w') as output:
             self._running[name] = subprocess.Popen(
                 command, stdout=output, stderr=subprocess.STDOUT, stdin=subprocess.DEVNULL
@@ -45,11 +45,11 @@ class Processes:
         return self._folder / f'{name}.log'
 
     def lines(self, name: str) -> list[str]:
-        """Return the whole lines that a process has written so far."""
+        """Return the complete lines that a process has written so far."""
         return self.log(name).read_text().split('\n')[:-1]
 
     def check(self) -> None:
-        """Raise if a signal came, or a process has ended."""
+        """Raise if a signal has arrived or a process has ended."""
         if self._signals:
             raise InterruptionError(self._signals[0])
         for name, process in self._running.items():
@@ -64,7 +64,7 @@ class Processes:
         return self
 
     def __exit__(self, *_) -> None:
-        """End all processes: ask first, then kill."""
+        """End all processes: interrupt first, then kill."""
         for process in self._running.values():
             process.send_signal(signal.SIGTERM)
         deadline = time.monotonic() + 2
@@ -89,9 +89,9 @@ def executable(name: str) -> str:
 
 
 def stay_apart() -> None:
-    """Have nodes of this process and its children stay on this machine, apart from other nodes.
+    """Keep nodes of this process and its children on this machine and apart from other nodes.
 
-    What the environment says already stays.
+    Existing environment variables take precedence.
     """
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     os.environ.setdefault('ROS_DOMAIN_ID', str(1 + os.getpid() % 100))

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""How the commands begin and end: errors and interruption are one sentence each, or silence."""
+"""Entry points of the commands: errors and interruptions give one line, not a traceback."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from concurrent.futures.process import BrokenProcessPool
 
 
 class CommandError(RuntimeError):
-    """The command cannot go on; the message says why."""
+    """The command cannot continue; the message says why."""
 
 
 def start(module: str, *arguments) -> int:
@@ -24,9 +24,9 @@ def start(module: str, *arguments) -> int:
 
 
 def end_at_signals() -> None:
-    """From now on have SIGINT and SIGTERM end the process at once, in silence.
+    """Let SIGINT and SIGTERM end the process at once, without a message.
 
-    The imports of a command take a second or more, and what it does has not begun.
+    The imports of a command take a second or more, before it has begun any work.
     """
     _on_signals(lambda number, _: os._exit(128 + number))
 
@@ -103,12 +103,12 @@ def cmifs() -> int:
 
 
 def exit_code(program: str, run: Callable[[], None], what_then: str = 'nothing is kept') -> int:
-    """Run a command and return the exit code; `what_then` says what an interruption leaves."""
+    """Run a command; return the exit code. `what_then` says what an interruption leaves behind."""
     signals = []
 
     def interrupt(number, _):
         signals.append(number)
-        if len(signals) == 1:  # A second one would interrupt the cleaning up.
+        if len(signals) == 1:  # A second signal would interrupt the clean-up.
             raise KeyboardInterrupt
 
     _on_signals(interrupt)

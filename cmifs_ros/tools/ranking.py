@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""A ranking as its readers see it: a table of text, and pictures."""
+"""A ranking as a text table and as pictures."""
 
 from __future__ import annotations
 
@@ -23,32 +23,32 @@ from cmifs_ros.core.statuses import CONFIRMED, DISPENSABLE, UNDECIDED
 from cmifs_ros.core.targets import DECISION
 from cmifs_ros.core.words import listed
 
-#: Sensors of the ranking, and channels beside the selected, that a picture can show legibly.
+#: Numbers of ranked sensors and of unselected channels that a picture can show legibly.
 MAX_SHOWN = 40
 STATUS_COLORS = {CONFIRMED: '#1a7f37', UNDECIDED: '#9a6700', DISPENSABLE: '#6e7781'}
 PLAIN_COLOR = '#0969da'
-#: Beside which others a sensor is scored.
-_TAKEN, _OTHERS = 'selected: each with those before it', 'others: each with the selected alone'
+#: Which other sensors the score includes.
+_TAKEN, _OTHERS = 'selected: with those ranked before', 'others: with all selected ones'
 
 
 def figure_of(width: float, height: float):
-    """Return a figure apart from pyplot: no window, no state, nothing to close."""
+    """Return a figure without pyplot: no window, no global state, nothing to close."""
     from matplotlib.figure import Figure
 
     return Figure(figsize=(width, height), layout='constrained')
 
 
 def label_of(name: str) -> str:
-    """Return a name as a picture can show it: short, no mathematics, no control characters."""
+    """Return a name for a picture: short, without mathematics and control characters."""
     text = ''.join(c if c.isprintable() else '?' for c in name)
     return (text if len(text) <= 24 else f'{text[:10]}..{text[-12:]}').replace('$', r'\$')
 
 
 def draw_ranking(selection: Selection):
-    """Return a figure of what each sensor adds, with its interval; else of the scores.
+    """Return a figure of what each sensor adds, with intervals; without a test, of the scores.
 
-    Each sensor is a bar, the best above, in the colour of its status, and its p-value a text. A
-    line shows the margin. Sensors that never changed are left out.
+    Each sensor is a bar, the best at the top, in the colour of its status, with its p-value as
+    text. A line shows the margin. Constant sensors are left out.
     """
     sensors = [sensor for sensor in selection.changing if sensor.effect is not None][:MAX_SHOWN]
     if not sensors:
@@ -78,7 +78,7 @@ def draw_ranking(selection: Selection):
     axes.axvline(0, color='0.2', linewidth=0.8)
     axes.set_yticks(range(len(sensors)), [label_of(sensor.name) for sensor in sensors])
     for label, sensor in zip(axes.get_yticklabels(), sensors, strict=True):
-        label.set_color(STATUS_COLORS[sensor.status])  # Bars may be too short to tell.
+        label.set_color(STATUS_COLORS[sensor.status])  # Bars may be too short to see.
     axes.set_ylim(len(sensors) - 0.4, -0.6)
     axes.set_xlabel(f'adds, in % of {variance_of(selection)} (with the 95 % interval)')
     axes.set_title(prediction(selection).replace('; ', ';\n'), loc='left', fontsize='medium')
@@ -97,8 +97,8 @@ def variance_of(selection: Selection) -> str:
 def draw_scores(selection: Selection):
     """Return a figure of the scores over the null band.
 
-    No line joins the scores: each is one of its own, to be compared with the band at its place.
-    Sensors that never changed are left out.
+    No line joins the scores: each is to be compared with the band at its own place. Constant
+    sensors are left out.
     """
     sensors = selection.changing[:MAX_SHOWN]
     places = np.arange(len(sensors))
@@ -127,7 +127,7 @@ def draw_scores(selection: Selection):
 
 
 class Column(NamedTuple):
-    """A column of the ranking: heading, a cell for each sensor, whether that is text."""
+    """A column of the ranking: its heading, a cell for each sensor, and whether cells are text."""
 
     heading: str
     cells: list[str]
@@ -135,9 +135,9 @@ class Column(NamedTuple):
 
 
 def columns_of(selection: Selection) -> list[Column]:
-    """Return the columns that lead: what each sensor adds and the evidence, or else the score.
+    """Return the leading columns: what each sensor adds and the evidence, or the score.
 
-    Sensors that never changed are left out, here and in the further columns.
+    Constant sensors are left out, here and in the further columns.
     """
     sensors = selection.changing
     effects = [sensor.effect for sensor in sensors]
@@ -155,13 +155,13 @@ def columns_of(selection: Selection) -> list[Column]:
 
 
 def further_columns(selection: Selection, most_names: int) -> list[Column]:
-    """Return the columns of names, without those that hold nothing.
+    """Return the columns of names, without empty columns.
 
     Parameters
     ----------
     selection : Selection
     most_names : int
-        So many names of channels or other sensors stand in a cell.
+        Greatest number of names in a cell.
 
     """
     sensors = selection.changing
@@ -183,7 +183,7 @@ def further_columns(selection: Selection, most_names: int) -> list[Column]:
 
 
 def score_columns(selection: Selection) -> list[Column]:
-    """Return the paper's score, and its null band if there is one."""
+    """Return the columns of the paper's score and its null band, if any."""
     bands = [sensor.null_band for sensor in selection.changing]
     return [
         Column('score', [f'{sensor.score:.3f}' for sensor in selection.changing]),
@@ -192,7 +192,7 @@ def score_columns(selection: Selection) -> list[Column]:
 
 
 def _supporting(sensor: SensorResult) -> tuple[str, ...]:
-    # The channel that is the sensor itself says nothing more.
+    # A sensor of one channel needs no list of channels.
     return () if sensor.supporting_channels == (sensor.name,) else sensor.supporting_channels
 
 
@@ -201,7 +201,7 @@ def _filled(columns: Sequence[Column]) -> list[Column]:
 
 
 def ranking_text(selection: Selection) -> str:
-    """Return the ranking as a table, with warnings above and what it predicts below."""
+    """Return the ranking as a table, with warnings above and the predicted share below."""
     lines = [
         line
         for warning in selection.warnings
@@ -215,5 +215,5 @@ def ranking_text(selection: Selection) -> str:
         padded.append([align(cell, width) for cell in (heading, *cells)])
     lines += ['  '.join(row).rstrip() for row in zip(*padded, strict=True)]
     constant = [sensor.name for sensor in selection.sensors if sensor.is_constant]
-    lines += [f'never changed: {listed(constant)}'] if constant else []
+    lines += [f'constant: {listed(constant)}'] if constant else []
     return '\n'.join([*lines, *textwrap.wrap(prediction(selection), LINE_WIDTH)])

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""Why a decision needs its sensors, as a small graph."""
+"""A graph of why a decision needs its sensors."""
 
 from __future__ import annotations
 
@@ -16,8 +16,9 @@ _REWARD_COLOR = '#0969da'
 def draw_reasons(selection: Selection):
     """Return a figure of arrows from each sensor to what it predicts, up to the reward.
 
-    Right is the reward, and left of it, column by column, what is needed for what stands right of
-    it; most to the left are sensors that predict each other alone. None where nothing is needed.
+    The reward is on the right; to the left of it, column by column, are the sensors that are needed
+    for those to their right. Sensors that only predict each other are leftmost. None if there are
+    no sensors.
     """
     sensors = [s for s in selection.sensors if reason(selection, s)][:MAX_SHOWN]
     if not sensors:
@@ -65,7 +66,7 @@ def draw_reasons(selection: Selection):
 
 
 def _steps_to_reward(name: str, leads_to: dict[str, str | None]) -> int | None:
-    """Return how many arrows lead from a sensor to the reward; None if they do not."""
+    """Return the number of arrows from a sensor to the reward; None if there is no path."""
     seen: list[str] = []
     while name not in seen and name in leads_to:
         seen.append(name)

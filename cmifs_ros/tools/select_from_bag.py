@@ -49,18 +49,21 @@ def main(arguments: list[str] | None = None, program: str = 'select_from_bag') -
     )  # fmt: skip
     parser.add_argument(
         '--out', type=folder_to_write, default=Path(), metavar='FOLDER',
-        help='for selection.json and selection.png (default: here)',
+        help='folder for selection.json and selection.png (default: the current one)',
     )  # fmt: skip
     parser.add_argument(
         '--episodes-file', type=file_to_write, metavar='FILE',
-        help='write what a selector takes up (episodes_path)',
+        help='write the episodes and the selection for a selector node (its episodes_path)',
     )  # fmt: skip
     parser.add_argument(
-        '--report', type=folder_to_write, metavar='FOLDER', help='write a page, index.html'
+        '--report',
+        type=folder_to_write,
+        metavar='FOLDER',
+        help='write the report FOLDER/index.html',
     )
     parser.add_argument(
         '--num-features', type=number_from(1), metavar='N',
-        help='sensors to select (default: as many as there is evidence for)',
+        help='sensors to select (default: the confirmed ones)',
     )  # fmt: skip
     parser.add_argument(
         '--topics', type=file_to_write, metavar='FILE',
@@ -68,34 +71,34 @@ def main(arguments: list[str] | None = None, program: str = 'select_from_bag') -
     )  # fmt: skip
     parser.add_argument(
         '--source', choices=SOURCES,
-        help='what tells which robot or recording an episode is of (default: as the robot file '
-        'says, else none)',
+        help='what distinguishes robots or recordings: the bag or its folder (default: that of '
+        'the robot file, or none)',
     )  # fmt: skip
     parser.add_argument(
         '--target', choices=TARGETS,
         help='what to select for: what the return depends on, what a controller needs for its '
-        'decisions, or what the recorded action depends on (default: as the robot file says, else '
+        'decisions, or what the recorded action depends on (default: that of the robot file, or '
         'return)',
     )  # fmt: skip
     parser.add_argument(
         '--margin', type=between(0, 1), default=ConditionalMISelector().margin, metavar='SHARE',
-        help="share of the target's variance: a sensor that adds less is dispensable (default: "
+        help="share of the target's variance; a sensor that adds less is dispensable (default: "
         '%(default)s)',
     )  # fmt: skip
     parser.add_argument(
         '--order', choices=('time', 'none'), default='time',
-        help='what the order of the episodes means: time, so that slow drift is no evidence, or '
-        'nothing, as of files sorted by their outcome (default: %(default)s)',
+        help='order of the episodes: time, so that slow drift is no evidence, or none, for example '
+        'if files are sorted by their outcome (default: %(default)s)',
     )  # fmt: skip
     discount = parser.add_mutually_exclusive_group()
     discount.add_argument(
         '--gamma', type=between(0, 1), metavar='G',
-        help='discount factor of a step: a reward k steps later counts gamma ** k',
+        help='discount factor per step: a reward k steps later is weighted by G ** k',
     )  # fmt: skip
     discount.add_argument(
         '--half-life', type=between(0, 1e9), metavar='S',
-        help='seconds after which a reward counts half, in place of gamma (default of both: as the '
-        'robot file says, else gamma 0.95)',
+        help='seconds after which a reward counts half (default: the discount of the robot file, '
+        'or gamma 0.95)',
     )  # fmt: skip
     where = parser.add_mutually_exclusive_group()
     where.add_argument(
@@ -112,7 +115,8 @@ def main(arguments: list[str] | None = None, program: str = 'select_from_bag') -
     )  # fmt: skip
     parser.add_argument(
         '--stability', type=number_from(1), default=0, metavar='N',
-        help='select from N random halves of the episodes too, and say how often each sensor is',
+        help='also select from N random halves of the episodes, and report how often each sensor '
+        'is selected',
     )  # fmt: skip
     options = parser.parse_args(arguments)
     return exit_code(program, lambda: _run(options), 'nothing is written')
@@ -201,14 +205,14 @@ def _select(
     among = f'{counted(len(pool.channel_names), "channel")} from '
     print(f'selecting among {among}{counted(len(pool.episodes), "episode")} ...', flush=True)
     try:
-        # A single job: without a cluster, joblib does it in this process.
+        # A single job: without a cluster, joblib runs it in this process.
         job = delayed(select)(
             pool.episodes, pool.channel_names, 'conditional_mi', settings,
             action_names=pool.action_names, ordered=options.order == 'time',
             num_halves=options.stability,
         )  # fmt: skip
         (selection,) = Parallel(1)([job])
-    except ValueError as error:  # of the settings or the episodes
+    except ValueError as error:  # from the settings or the episodes
         raise CommandError(str(error)) from error
     _write(selection, pool, recordings, robot, options)
 
@@ -218,7 +222,7 @@ def _source(robot: RobotFile | None) -> str:
 
 
 def _gamma(pool: Pool, robot: RobotFile | None, options: argparse.Namespace) -> float:
-    """Return the discount factor of a step, and say what it means."""
+    """Return the discount factor per step, and print what it means."""
     discount = (robot and robot.discount) or Discount(ConditionalMISelector().gamma)
     if options.gamma or options.half_life:
         discount = Discount(options.gamma, options.half_life)
@@ -251,7 +255,7 @@ def _write(
     written[0].write_text(json.dumps(fields_of(selection, topics), indent=1) + '\n')
     draw_ranking(selection).savefig(written[1], dpi=150)
     if options.episodes_file:
-        # A selector that starts with a selection without channels would publish nothing.
+        # A selector restored with a selection without channels would publish nothing.
         kept = selection if selection.indices else None
         saved = episode_file.Saved(
             pool.channel_names, pool.episodes, kept, time.time(), action_names=pool.action_names

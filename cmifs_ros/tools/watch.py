@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""A live view of a selector in the terminal: its input, its selection, and on what evidence."""
+"""A live view of a selector in the terminal: its input, its selection, and the evidence."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ from cmifs_ros.collect.selection_fields import selection_of
 
 from .watch_view import Snapshot, Status, view
 
-#: What the selector writes into its diagnostics as hardware_id.
+#: The hardware_id in the diagnostics of selectors.
 _HARDWARE_ID = 'cmifs_ros'
 _OF_SELECTOR = ('input', 'selection', 'storage')
-#: Whoever speaks once a second has spoken by then.
+#: Nodes that publish once a second have done so by then.
 _ROUND = 1.5
 _REFRESH_PERIOD = 0.25
-#: Seconds to wait for a selector where there is no terminal to show it live.
+#: Seconds to wait for a selector if the output is not a terminal.
 _PATIENCE = 10.0
 #: Lines of the view that are not the ranking.
 _OTHER_LINES = 14
@@ -42,7 +42,7 @@ _MAX_TOPICS = 100
 
 
 class Watcher:
-    """Listens to the first selector heard in a namespace, and to the sampler there."""
+    """Listen to the first selector heard in a namespace, and to its sampler."""
 
     def __init__(self, node):
         self._node = node
@@ -90,12 +90,12 @@ class Watcher:
             self.snapshot.selection = selection_of(json.loads(msg.data))
             self.snapshot.unreadable = ''
         except (ValueError, TypeError, KeyError, RecursionError, OverflowError) as error:
-            # Anybody may publish there, or a selector of another version.
+            # The publisher may be another node, or a selector of another version.
             self.snapshot.unreadable = repr(error)
 
 
 def run(node: Node, console: Console) -> int:
-    """Show the view until a signal comes; without a terminal, once. Return the exit code."""
+    """Show the view until a signal arrives; once if not in a terminal. Return the exit code."""
     stopping = False
 
     def stop(*_):
@@ -107,7 +107,7 @@ def run(node: Node, console: Console) -> int:
     watcher = Watcher(node)
     if not console.is_terminal:
         begin = now = incomplete_at = time.monotonic()
-        # A round longer, since the sampler may be heard after the selector.
+        # One more round, because the sampler may be heard after the selector.
         while not stopping and now < incomplete_at + _ROUND:
             rclpy.spin_once(node, timeout_sec=_REFRESH_PERIOD)
             now = time.monotonic()
@@ -122,7 +122,7 @@ def run(node: Node, console: Console) -> int:
             if time.monotonic() >= shown_at + _REFRESH_PERIOD:
                 shown_at = time.monotonic()
                 live.update(view(watcher.look(), console.height - _OTHER_LINES), refresh=True)
-    # The screen is as it was before; what was seen last stays.
+    # The screen is restored; print the last view below.
     console.print(view(watcher.look(), console.height - _OTHER_LINES))
     return 0
 
@@ -134,7 +134,7 @@ def main(arguments: list[str] | None = None, program: str = 'watch') -> int:
         description=f'{__doc__} Ctrl-C ends it. Where the output is no terminal it is shown once.',
         allow_abbrev=False,
     )
-    parser.add_argument('--namespace', default='/', help='of the selector (default /)')
+    parser.add_argument('--namespace', default='/', help='namespace of the selector (default /)')
     options = parser.parse_args(arguments)
     namespace = '/' + options.namespace.strip('/')
     try:
@@ -142,7 +142,7 @@ def main(arguments: list[str] | None = None, program: str = 'watch') -> int:
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
         node = rclpy.create_node(f'watch_{os.getpid()}', namespace=namespace)
         code = run(node, Console())
-        # Left to the end of the process, it takes seconds on a busy machine.
+        # At the end of the process, it would take seconds on a busy machine.
         node.destroy_node()
         return code
     except InvalidNamespaceException:

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""What `watch` shows: from the plain values of diagnostics and the selection to lines of text."""
+"""The view of `watch`: lines of text from diagnostics and the selection."""
 
 from __future__ import annotations
 
@@ -20,22 +20,22 @@ from cmifs_ros.core.words import counted, first, short
 
 from .ranking import Column, columns_of
 
-#: By level of diagnostic_msgs/DiagnosticStatus: word and style. The word tells without colour.
+#: Word and style by level of diagnostic_msgs/DiagnosticStatus; the word works without colour.
 LEVELS = (('ok', 'green'), ('warn', 'yellow'), ('error', 'bold red'), ('stale', 'magenta'))
 _STATUS_STYLES = {CONFIRMED: 'green', UNDECIDED: 'yellow', DISPENSABLE: 'dim'}
-#: Seconds without diagnostics, which come once a second, after which the selector seems gone.
+#: Seconds without diagnostics, which come once a second, until the selector counts as stopped.
 GONE_AFTER = 5.0
 _NAME_WIDTH = 24
-#: Characters that a line of text holds at least, of 80 columns.
+#: Characters in a line of text, of 80 columns.
 _LEAST_WIDTH = 60
-#: What the sampler says of its steps, beside what it says of each topic.
+#: Statuses of the sampler that are not of topics.
 _STEPS, _SAVING = 'steps', 'saving'
 _MAX_BAD_TOPICS, _MAX_TOPICS = 4, 12
 _MAX_REASON = 200
 
 
 class Status(NamedTuple):
-    """One status of the diagnostics: its level from 0 to 3, message, and values by key."""
+    """One status of the diagnostics: its level (0 to 3), message, and values by key."""
 
     level: int
     message: str
@@ -44,24 +44,24 @@ class Status(NamedTuple):
 
 @dataclass
 class Snapshot:
-    """What is known of one selector.
+    """What is known about a selector.
 
     Attributes
     ----------
     selector : str
-        Its name with the namespace; empty until it was heard of.
+        Its name with the namespace; empty before it is heard.
     statuses : dict of str to Status
-        By what they are of: input, selection, storage.
+        Statuses by subject: input, selection, storage.
     selection : Selection or None
         The one in use.
     unreadable : str
-        Why the newest selection that was published cannot be read; empty if it can.
+        Why the newest published selection cannot be read; empty if it can.
     sampler : dict of str to Status
-        Of the sampler, if there is one: of its steps, and by topic.
+        Statuses of the sampler, if there is one: of the steps and of each topic.
     silence, sampler_silence : float
         Seconds since the last diagnostics of the selector, and of the sampler.
     elsewhere : sequence of str
-        Namespaces in which other selectors were heard.
+        Namespaces of other selectors.
 
     """
 
@@ -76,7 +76,7 @@ class Snapshot:
 
     @property
     def is_complete(self) -> bool:
-        """Whether all has come that the selector has to say."""
+        """Whether everything that the selector publishes has arrived."""
         selection = self.statuses.get('selection')
         return selection is not None and (
             'names' not in selection.values or self.selection is not None
@@ -84,7 +84,7 @@ class Snapshot:
 
 
 def view(snapshot: Snapshot, max_sensors: int = 40) -> Group:
-    """Return the whole view, readable at 80 columns; of a long ranking the first sensors."""
+    """Return the whole view for 80 columns; a long ranking is cut."""
     parts = [Rule(_plain(f'/{snapshot.selector}' if snapshot.selector else 'watch'), align='left')]
     if not snapshot.selector:
         parts += _nothing_heard(snapshot.elsewhere)
@@ -113,12 +113,12 @@ def view(snapshot: Snapshot, max_sensors: int = 40) -> Group:
 
 
 def _plain(text: str) -> Text:
-    """Return text from outside, which must neither style nor steer the terminal."""
+    """Return text from the network without control characters or markup."""
     return Text(''.join(c if c.isprintable() else '?' for c in text))
 
 
 def _short(name: str) -> str:
-    """Return the two ends of a long name: lidar rays differ in the last."""
+    """Shorten a long name in the middle: lidar rays differ at the end."""
     if len(name) <= _NAME_WIDTH:
         return name
     half = _NAME_WIDTH // 2
@@ -200,7 +200,7 @@ def _selection_lines(snapshot: Snapshot):
     if selection is not None:
         yield from map(_plain, _facts(selection))
     if snapshot.unreadable:
-        yield _plain(f'the topic cannot read a selection: {snapshot.unreadable[:_MAX_REASON]}')
+        yield _plain(f'the selection cannot be read: {snapshot.unreadable[:_MAX_REASON]}')
     worker = f'worker {values.get("worker", "?")}'
     if values.get('worker') == 'computing':
         worker += f' for {values.get("computing for s", "?")} s'
@@ -209,7 +209,7 @@ def _selection_lines(snapshot: Snapshot):
 
 
 def _facts(selection: Selection):
-    """Yield what a selection says beside its ranking."""
+    """Yield the facts of a selection besides its ranking."""
     if predicted := prediction(selection):
         yield predicted
     reasons = [(sensor, reason(selection, sensor)) for sensor in selection.sensors]
@@ -255,7 +255,7 @@ def _ranking(selection: Selection, max_sensors: int):
         yield Text(f'and {num_shown - max_sensors} more')
     num_constant = len(selection.sensors) - num_shown
     if num_constant:
-        yield Text(f'{counted(num_constant, "sensor")} never changed')
+        yield Text(f'{counted(num_constant, "sensor")} constant')
 
 
 def _cell(column: Column, value: str) -> Text:

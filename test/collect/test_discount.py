@@ -33,7 +33,10 @@ def test_what_a_discount_means_is_told(gamma, step_seconds, said):
 
 @pytest.mark.parametrize(
     ('half_life', 'step_seconds', 'said'),
-    [(2.0, nan, 'but no episode has two steps'), (0.001, 1.0, 'discounts a reward to 0 within a step of')],
+    [
+        (2.0, nan, 'but no episode has two steps'),
+        (0.001, 1.0, 'discounts a reward to 0 within a step of'),
+    ],
 )
 def test_a_half_life_needs_steps_that_fit(half_life, step_seconds, said):
     with pytest.raises(ValueError, match=said):

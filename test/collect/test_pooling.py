@@ -41,7 +41,7 @@ def test_a_second_recorder_that_began_later_adds_only_what_the_first_lacks():
     # The first has 300 steps; of the second's windows, from 53 on, those from 303 on are new.
     assert len(pool.episodes) == 12 + 3
     assert pool.notes == [
-        'b has 247 steps of a for a second time',
+        'b repeats 247 steps of a',
         'b: 10 of 13 episodes left out, because they were recorded twice',
     ]
 

@@ -205,7 +205,7 @@ class Robot:
         )
 
     def publish_episodes(self, episodes, names, begin=1, period=1_000_000):
-        """Publish whole episodes; return the stamp after the last."""
+        """Publish complete episodes; return the stamp after the last."""
         stamp = begin
         for number, episode in enumerate(episodes):
             for step, (state, reward) in enumerate(

@@ -359,7 +359,7 @@ def test_accepted_parameters_take_effect_while_running(selector, robot):
     assert json.loads(robot.call(robot.select_client).message)['names'] == ['a', 'c']
     assert robot.set_parameter('half_life', 1e-12).successful
     error = json.loads(robot.call(robot.select_client).message)['error']
-    assert error.startswith('a half-life of 1e-12 s leaves nothing of a reward after a step of')
+    assert error.startswith('a half-life of 1e-12 s discounts a reward to 0 within a step of')
     assert robot.set_parameter('half_life', 1e9).successful
     assert json.loads(robot.call(robot.select_client).message)['names'] == ['a', 'c']
     refusal = robot.set_parameter('num_features', 9)

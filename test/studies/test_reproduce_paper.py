@@ -219,7 +219,7 @@ def test_a_folder_that_cannot_be_made_is_one_clear_sentence(tmp_path, capsys):
     (tmp_path / 'file').touch()
     with pytest.raises(SystemExit):
         main([*TINY, '--out', str(tmp_path / 'file')])
-    assert 'file is no folder; expected one, new or not' in capsys.readouterr().err
+    assert 'file is not a folder; expected a folder, existing or not' in capsys.readouterr().err
 
 
 def test_a_cluster_without_its_package_is_refused_with_a_hint(tmp_path, capsys, monkeypatch):

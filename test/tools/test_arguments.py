@@ -19,9 +19,13 @@ def here(tmp_path, monkeypatch):
     [
         (demo.main, ['--out', '.'], '. is a folder; expected the name of a file, as in NAME'),
         (make_robot_file.main, ['--out', '.'], '. is a folder; expected the name of a file'),
-        (make_robot_file.main, ['--out', 'file/new'], 'file is no folder; expected one, new or'),
-        (select_from_bag.main, ['bag', '--out', 'file'], 'file is no folder; expected one, new'),
-        (select_from_bag.main, ['bag', '--report', 'file/x/y'], 'file is no folder; expected one'),
+        (make_robot_file.main, ['--out', 'file/new'], 'file is not a folder; expected a folder'),
+        (select_from_bag.main, ['bag', '--out', 'file'], 'file is not a folder; expected a folder'),
+        (
+            select_from_bag.main,
+            ['bag', '--report', 'file/x/y'],
+            'file is not a folder; expected a folder',
+        ),
         (select_from_bag.main, ['bag', '--episodes-file', '.'], '. is a folder; expected the name'),
     ],
 )

@@ -85,7 +85,7 @@ def test_sensors_that_never_changed_stand_below_the_table(tmp_path):
     still = selection(X, Y, replace(BATTERY, is_constant=True, supporting_channels=()))
     page = Page(write_report(tmp_path, still, make_episodes(), NAMES, {}))
     assert '<td class="name">battery</td>' not in page.source
-    assert '<p>Never changed, and so uninformative: battery</p>' in page.source
+    assert '<p>Constant, and therefore uninformative: battery</p>' in page.source
 
 
 def test_channels_are_named_where_they_are_not_the_sensor_itself(tmp_path):

@@ -69,11 +69,11 @@ def test_sensors_that_never_changed_stand_below_the_table_and_in_no_picture():
     still = selection(X, SCAN, constant)
     *_, last, below = ranking_text(still).splitlines()
     assert 'scan' in last
-    assert below == 'never changed: still'
+    assert below == 'constant: still'
     axes = draw_ranking(still).figure.axes
     assert [label.get_text() for label in axes[-1].get_yticklabels()] == ['x', 'scan']
     nothing = selection(constant, replace(constant, name='off'))
-    assert ranking_text(nothing).splitlines()[1:] == ['never changed: still, off']
+    assert ranking_text(nothing).splitlines()[1:] == ['constant: still, off']
     draw_ranking(nothing)
 
 
@@ -126,7 +126,7 @@ def test_scores_are_drawn_in_their_null_band():
 def test_the_picture_of_scores_parts_the_selected_from_those_scored_beside_them():
     (axes,) = draw_scores(FULL).axes
     assert {text.get_text() for text in axes.texts} == {
-        'selected: each with those before it', 'others: each with the selected alone',
+        'selected: with those ranked before', 'others: with all selected ones',
     }  # fmt: skip
     for whole in (BARE, NOTHING):
         assert not draw_scores(whole).axes[0].texts

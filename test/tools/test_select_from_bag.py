@@ -63,7 +63,7 @@ def test_several_bags_are_pooled_and_everything_is_written(tmp_path, robot, caps
     options = ['--out', str(out), '--episodes-file', str(saved), '--report', str(out / 'page')]
     assert main([*bags, '--robot', robot, *options]) == 0
     printed = capsys.readouterr().out
-    assert '270 messages, 15 whole episodes' in printed
+    assert '270 messages, 15 complete episodes' in printed
     assert '95 % interval' in printed
     # A message each 0.1 s, but for the two ends; a Float64 is 4 bytes of header and 8 of value.
     keep, _, rest = printed.partition('keep these:\n')[2].partition('can go')
@@ -127,12 +127,12 @@ def test_topics_cannot_be_told_without_a_robot_file(tmp_path, capsys):
 @pytest.mark.parametrize(
     ('line', 'options', 'said'),
     [
-        ('', (), 'gamma 0.95 a step of 0.1 s'),
-        ('', ('--gamma', '1'), 'gamma 1 a step of 0.1 s: rewards count in full'),
+        ('', (), 'gamma 0.95 per step of 0.1 s'),
+        ('', ('--gamma', '1'), 'gamma 1 per step of 0.1 s: late rewards count in full'),
         ('', ('--half-life', '0.2'), 'gamma 0.7071 per step of 0.1 s: a reward counts half after '
          '2 steps, 0.2 s'),
-        ('discount: {half_life: 0.1}', (), 'gamma 0.5 a step of 0.1 s'),
-        ('discount: {half_life: 0.1}', ('--gamma', '0.8'), 'gamma 0.8 a step of 0.1 s'),
+        ('discount: {half_life: 0.1}', (), 'gamma 0.5 per step of 0.1 s'),
+        ('discount: {half_life: 0.1}', ('--gamma', '0.8'), 'gamma 0.8 per step of 0.1 s'),
     ],
 )  # fmt: skip
 def test_the_discount_is_said_and_used(tmp_path, capsys, line, options, said):
@@ -155,7 +155,7 @@ def test_a_half_life_that_no_step_fits_in_is_refused(tmp_path, robot, capsys):
     options = ['--robot', robot, '--out', str(tmp_path), '--half-life', '1e-6']
     assert main([str(tmp_path / 'bag'), *options]) == 1
     assert (
-        'leaves nothing of a reward after a step of 0.1 s; expected a longer one'
+        'discounts a reward to 0 within a step of 0.1 s; expected a longer one'
         in capsys.readouterr().err
     )
 
@@ -234,7 +234,7 @@ def spoilt(path, how):
         ('foreign', 'cannot be read as a bag'),
         ('truncated', 'repair a truncated bag with `mcap recover` (MCAP)'),
         ('without metadata', 'or `ros2 bag reindex`'),
-        ('short', '1 whole episode; expected at least 20'),
+        ('short', '1 complete episode; expected at least 20'),
     ],
 )
 def test_a_bag_that_cannot_be_used_is_one_sentence(tmp_path, robot, how, said, capsys):
@@ -258,7 +258,7 @@ def test_ends_that_never_come_or_that_last_are_told(tmp_path, capsys):
     is_over = states[:, 0] > 0
     num_ends = np.count_nonzero(is_over[1:] & ~is_over[:-1])
     said = capsys.readouterr().out
-    assert f'{num_ends} whole episode' in said
+    assert f'{num_ends} complete episode' in said
     assert f' {np.count_nonzero(is_over) - num_ends} steps between episodes' in said
 
 
@@ -292,7 +292,7 @@ def test_a_type_that_the_bag_does_not_have_is_an_error(tmp_path, capsys):
     file = tmp_path / 'robot.yaml'
     file.write_text(ROBOT.replace('/noise.data}', '/noise.data, type: std_msgs/msg/Float32}'))
     assert main([str(tmp_path / 'bag'), '--robot', str(file)]) == 1
-    said = '/noise is of type std_msgs/msg/Float64, not std_msgs/msg/Float32 as the robot file says'
+    said = '/noise is of type std_msgs/msg/Float64, not std_msgs/msg/Float32 as in the robot file'
     assert said in capsys.readouterr().err
 
 
@@ -446,7 +446,7 @@ def test_a_robot_file_is_made_that_lacks_only_the_reward(tmp_path, capsys):
     assert make_robot_file(['--bag', str(tmp_path / 'bag')]) == 0
     text = capsys.readouterr().out
     with pytest.raises(
-        ValueError, match=r"^line \d+: the file has no 'reward'; add what the reward is"
+        ValueError, match=r"^line \d+: the file has no 'reward'; add the reward"
     ) as e:
         parse_robot_file(text)
     assert int(re.search(r'\d+', str(e.value))[0]) == text.count('\n')

@@ -155,4 +155,4 @@ def test_a_bad_namespace_is_one_clear_sentence():
         text=True, timeout=60, check=False,
     )  # fmt: skip
     assert result.returncode == 2
-    assert result.stderr == "watch: --namespace is 'a b'; expected a name as in /robot1\n"
+    assert result.stderr == "watch: --namespace is 'a b'; expected a name such as /robot1\n"

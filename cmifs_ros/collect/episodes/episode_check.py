@@ -31,7 +31,7 @@ def problems_of_episodes(lengths: Sequence[int], num_cut: int, num_open_steps: i
     """
     problems = []
     count = len(lengths)
-    whole = counted(count, 'whole episode')
+    whole = counted(count, 'complete episode')
     if num_cut:
         problems.append(
             f'no end in {counted(max(lengths), "step")}, where {num_cut} of {whole} were cut: '

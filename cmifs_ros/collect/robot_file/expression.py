@@ -77,7 +77,9 @@ class Expression:
         try:
             tree = ast.parse(text.strip(), mode='eval').body
         except (SyntaxError, ValueError, RecursionError, MemoryError):
-            raise ValueError(f'{text!r} is not an expression; expected one such as "a - 2 * b"') from None
+            raise ValueError(
+                f'{text!r} is not an expression; expected one such as "a - 2 * b"'
+            ) from None
         if sum(1 for _ in ast.walk(tree)) > MAX_NODES:
             raise ValueError(f'an expression of more than {MAX_NODES} parts; split it')
         names: set[str] = set()

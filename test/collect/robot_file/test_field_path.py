@@ -79,7 +79,10 @@ SCAN = SimpleNamespace(ranges=np.ones(3), text='dropped', level=2, frame=SimpleN
     ('path', 'said'),
     [
         ('.ranges', '/scan.ranges is an array of 3 values; expected [0] for one entry'),
-        ('.text', "/scan.text is the text 'dropped'; expected a number; if it is one of a few words"),
+        (
+            '.text',
+            "/scan.text is the text 'dropped'; expected a number; if it is one of a few words",
+        ),
         ('.text[0]', "/scan.text is the text 'dropped'; expected an array for [0]"),
         ('.level{a,b}', '/scan.level is a number; expected an array for {a,b}'),
         ('.level{a}.x', '/scan.level is a number; expected an array for {a}'),

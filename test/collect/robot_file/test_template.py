@@ -117,7 +117,9 @@ def test_what_a_text_says_is_shown_as_categories():
     said += [('/name', 'String', Message(data='robot 1')), ('/heat', 'String', Message(data='4'))]
     said += [('/log', 'String', Message(data=f'{{"{i}": 1}}')) for i in range(99)]
     lines = text_of(KINDS, *said).splitlines()
-    assert ('  # mode: {path: "/mode.data", one_hot: [idle, lifting]}  # text; values seen') in lines
+    assert (
+        '  # mode: {path: "/mode.data", one_hot: [idle, lifting]}  # text; values seen'
+    ) in lines
     assert "# /name is text: 'robot 1'" in lines
     assert any(line.startswith('# /log is text: \'{"0": 1}\', ') for line in lines)
     assert any('heat: ' in line and 'never changed: 4' in line for line in lines)
