@@ -36,7 +36,7 @@ def episodes_of_bag(
     robot: RobotFile | None = None,
     watch: Callable[[Iterable, int], Iterable] = unwatched,
 ) -> RecordedEpisodes:
-    """Return a bag's whole episodes, and how much was dropped.
+    """Return the complete episodes of a bag.
 
     Messages are read one by one; only the episodes stay in memory. A message without a header stamp
     gets the time at which it was recorded, or the time of /clock if that was recorded, as in a node
@@ -92,7 +92,7 @@ def episodes_of_bag(
 
 
 class _StatesAndRewards(Collector):
-    """Episodes from the topics that the selector itself subscribes to."""
+    """Read episodes from the topics that the selector itself subscribes to."""
 
     def __init__(self):
         self._assembler, self._reader = EpisodeAssembler(MAX_EPISODE_STEPS), RewardReader()

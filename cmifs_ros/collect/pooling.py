@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""Episodes of several recordings: in the order of time, and what was recorded twice once."""
+"""Pool the episodes of several recordings in the order of time, without repetitions."""
 
 from __future__ import annotations
 
@@ -16,10 +16,11 @@ from cmifs_ros.collect.recorded_episodes import RecordedEpisodes, RecordingError
 from cmifs_ros.core import Episode
 from cmifs_ros.core.words import counted
 
-#: Two bags recorded the same run if at least this share of their simultaneous steps has the same
+#: Two recordings are of the same run if at least this share of their simultaneous steps has equal
 #: values. Not all have: two recorders may receive messages without a stamp in different order.
 _SAME = 0.5
-#: Two bags overlap if at least this share of the steps of one is simultaneous with the other's.
+#: Two recordings overlap if at least this share of the steps of one is simultaneous with the
+#: other's.
 _OVERLAP = 0.05
 
 
@@ -31,7 +32,7 @@ class Pool:
     ----------
     channel_names : tuple of str
     episodes : list of Episode
-        In the order of time of the recordings, each with its source.
+        In the order of their recordings' time, each with its source.
     step_seconds : float
         Median time between steps; NaN if no episode has two.
     notes : list of str
@@ -49,7 +50,7 @@ class Pool:
 
 
 def source_of(path: str | Path, by: str) -> str:
-    """Return the name of the source, a robot or a recording, that a bag belongs to.
+    """Return the name of the source, a robot or a recording, that a recording belongs to.
 
     Parameters
     ----------
@@ -63,16 +64,16 @@ def source_of(path: str | Path, by: str) -> str:
 
 
 def pooled(recordings: Sequence[tuple[str, RecordedEpisodes]], by: str = 'none') -> Pool:
-    """Return the episodes of recordings together.
+    """Return the episodes of several recordings.
 
-    A step counts once: an episode with a step that a recording before has, at the same time and
-    with the same values, is left out, as of a second recorder or of a trimmed copy. Where a
-    recording has no times, an episode that another one has as a whole is left out.
+    Each step counts once: if an earlier recording has one with the same time and values, as with a
+    second recorder or a trimmed copy, the episode is left out. If a recording has no times, its
+    episodes are left out if another recording has the same complete episode.
 
     Parameters
     ----------
     recordings : sequence of (str, RecordedEpisodes)
-        With their paths. Those without times come last, as they are given.
+        Paths and contents. Those without times come last, in the given order.
     by : str
         What distinguishes the sources, see `source_of`.
 
@@ -120,7 +121,7 @@ def _begin(recording: RecordedEpisodes) -> float:
 
 
 class _Recorded:
-    """The steps of a recording's episodes, one after the other."""
+    """The steps of a recording's episodes, concatenated."""
 
     def __init__(self, path: str, source: str, recording: RecordedEpisodes, which: Sequence[bool]):
         self.path, self.source = path, source
@@ -132,7 +133,7 @@ class _Recorded:
             self._order = np.argsort(self._stamps, kind='stable')
 
     def not_in(self, others: Sequence[_Recorded], pool: Pool) -> list[bool]:
-        """Return which episodes no recording before has; add to the notes what is doubtful."""
+        """Return which episodes are not in others; add notes about what looks wrong."""
         if not self._has_times:
             known = {_content(e) for other in others for e in other._episodes}
             return [_content(episode) not in known for episode in self._episodes]
@@ -142,19 +143,18 @@ class _Recorded:
             if same.sum() >= _SAME * at_same_time.sum() > 0:
                 repeated |= same
                 pool.notes.append(
-                    f'{self.path} has {counted(int(same.sum()), "step")} of {other.path} a second '
-                    'time'
+                    f'{self.path} repeats {counted(int(same.sum()), "step")} of {other.path}'
                 )
             elif at_same_time.mean() > _OVERLAP and self.source == other.source:
                 pool.notes.append(
-                    f'{self.path} and {other.path} overlap in time, with other values: of two '
-                    'robots, or two simulated runs, tell the sources apart (--source bag)'
+                    f'{self.path} and {other.path} overlap in time but differ in values; if they '
+                    'are from two robots or two simulated runs, use --source bag'
                 )
         ends = np.cumsum([len(episode) for episode in self._episodes])
         return [not part.any() for part in np.split(repeated, ends[:-1])]
 
     def _compared(self, other: _Recorded, step: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return which steps another recording has a step beside, and which with the same values.
+        """Return which steps are simultaneous with one of another, and which are the same.
 
         Parameters
         ----------

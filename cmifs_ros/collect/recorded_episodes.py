@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""The episodes of one recording, whatever it was written by."""
+"""The episodes of one recording of any kind."""
 
 from __future__ import annotations
 
@@ -15,40 +15,40 @@ from .traffic import Traffic
 
 
 class RecordingError(Exception):
-    """A recording cannot be used; the message says why."""
+    """A recording cannot be read; the message says why."""
 
 
 @dataclass(frozen=True)
 class RecordedEpisodes:
-    """What a recording holds of episodes.
+    """The episodes of a recording, and what was dropped.
 
     Attributes
     ----------
     channel_names : tuple of str
     episodes : list of Episode
     num_read : int
-        Messages read of the topics that were asked for; steps where each row is one.
+        Number of messages read from the requested topics, or of steps if each row is one.
     action_names : tuple of str
-        Of the values of the episodes' actions; empty without any.
+        Names of the values of an action; empty if there are no actions.
     stamps : list of numpy.ndarray of int, shape (T,), or None
-        When the steps of each episode were, in nanoseconds; None if the recording does not say.
+        Times of the steps of each episode, in nanoseconds; None if unknown.
     step_seconds : float
-        From one step to the next, where there are no stamps; NaN if not known.
+        Time between steps, if there are no stamps; NaN if unknown.
     num_between : int
-        Steps that belong to no episode, as what had ended the one before still held.
+        Steps between episodes, while the end condition of the last one still held.
     num_cut : int
-        Episodes closed at their greatest length.
+        Number of episodes closed at the greatest length.
     num_open_steps : int
-        Steps after the last end.
+        Number of steps after the last end.
     dropped : mapping of str to int
-        How many messages, steps and episodes were dropped, by cause; causes first, then what
-        follows from them.
+        Numbers of messages, steps and episodes dropped, by cause; causes come before their
+        consequences.
     unreadable : mapping of str to str
-        Topics or columns that cannot be read, none of them asked for, and why.
+        Topics or columns, none of them requested, that cannot be read, and why.
     traffic : Traffic
-        Of the topics that were asked for, by their names in the robot file.
+        Of the requested topics, by their names in the robot file.
     unit : str
-        What `num_read` counts: `message` or `step`.
+        Unit of `num_read`: `message` or `step`.
     no_rewards : str
         Why there are no rewards; empty if there are.
 
@@ -71,7 +71,7 @@ class RecordedEpisodes:
 
     @property
     def distances(self) -> np.ndarray:
-        """The known times from one step to the next, in nanoseconds."""
+        """The known times between steps, in nanoseconds."""
         if self.stamps is None:
             found = np.full(sum(len(episode) - 1 for episode in self.episodes), self.step_seconds)
             return found[np.isfinite(found)] * 1e9

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""Episodes of any recording: a bag, tables, HDF5, or data frames in memory."""
+"""Read episodes from any recording: a bag, tables, HDF5, or data frames in memory."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _EXPECTED = (
 
 
 def recordings_in(path: Path, robot: RobotFile | None = None) -> list[Path]:
-    """Return the recordings that a path means: itself, or of a folder that is none, those in it.
+    """Return the recordings at a path: itself, or those in a folder that is not a recording.
 
     With a robot file, the tables in a folder are one recording.
     """
@@ -55,24 +55,24 @@ def episodes_of_recording(
     robot: RobotFile | None = None,
     watch: Callable[[Iterable, int], Iterable] = unwatched,
 ) -> RecordedEpisodes:
-    """Return a recording's whole episodes, and how much was dropped.
+    """Return the complete episodes of a recording.
 
     Parameters
     ----------
     source : path, data frame, or mapping of str to data frame
-        A bag, a file .parquet, .csv, .h5 or .hdf5, LeRobot's folder, with a robot file a folder of
-        tables; or tables in memory: of pandas, or of what else pyarrow takes.
+        A bag, a file .parquet, .csv, .h5 or .hdf5, a folder of LeRobot, or with a robot file a
+        folder of tables; or tables in memory: of pandas, or anything that pyarrow accepts.
     robot : RobotFile, optional
-        With one, tables are topics, called as their files below the folder or as their groups, and
-        rows are messages. Without, each row is a step, and the columns have the names of LeRobot,
-        the data sets those of Minari, robomimic or D4RL; for a bag see `episodes_of_bag`.
+        With one, tables are topics, named after their files or groups, and rows are messages.
+        Without one, each row is a step; columns are named as in LeRobot, data sets as in Minari,
+        robomimic or D4RL. For bags see `episodes_of_bag`.
     watch : callable, optional
-        Is given the messages and their number and passes them on, for a display of progress.
+        Wraps the iterable of messages, given their number, to display progress.
 
     Raises
     ------
     RecordingError
-        If the recording cannot be read, a package is missing for that, or it lacks something.
+        If the recording cannot be read or lacks something, or a package is missing.
 
     """
     if not isinstance(source, (str, Path)):
@@ -98,13 +98,13 @@ def _steps_in(path: Path) -> RecordedEpisodes:
         return lerobot.steps_in(path, table, lerobot.read_info(path))
     if path.is_file() and path.suffix in arrow.SUFFIXES:
         return lerobot.steps_in(path, arrow.read(path))
-    raise RecordingError(f'{path} is no recording; {_EXPECTED}')
+    raise RecordingError(f'{path} is not a recording; {_EXPECTED}')
 
 
 def _tables_in(path: Path) -> dict[str, Callable[[], Table]]:
     files, above = arrow.files_in(path), path if path.is_dir() else path.parent
     if not files:
-        raise RecordingError(f'{path} is no recording; {_EXPECTED}')
+        raise RecordingError(f'{path} is not a recording; {_EXPECTED}')
     return {
         f'/{file.relative_to(above).with_suffix("").as_posix()}': partial(_read, file)
         for file in files
@@ -129,8 +129,8 @@ def _sampled(
     robot: RobotFile,
     watch: Callable[[Iterable, int], Iterable],
 ) -> RecordedEpisodes:
-    """Return the episodes that a robot file makes of tables; only those that it names are read."""
-    if len(tables) == len(robot.topics) == 1:  # Whatever it is called, it is meant.
+    """Return the episodes from tables according to a robot file; only tables it names are read."""
+    if len(tables) == len(robot.topics) == 1:  # A single table is used under any name.
         tables = {f'/{robot.topics[0].removeprefix("/")}': next(iter(tables.values()))}
     collector = SampledEpisodes(robot)
     topics = collector.topics_among(dict.fromkeys(tables, ()), path)

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""From recorded messages to episodes, by a robot file or as the selector itself pairs them."""
+"""From recorded messages to episodes, by a robot file or by the pairing of the selector."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ from .sampling.sampler import Sampler
 from .sampling.step import Step
 from .traffic import Traffic
 
-#: As the selector's parameter max_episode_steps.
+#: Like the selector's parameter max_episode_steps.
 MAX_EPISODE_STEPS = 1000
 
 
 class Collector(ABC):
-    """Make episodes of messages.
+    """Make episodes from messages.
 
     Attributes
     ----------
     builder : EpisodeBuilder
     episodes : list of Episode
-        The whole ones so far.
+        The complete ones so far.
 
     """
 
@@ -55,46 +55,46 @@ class Collector(ABC):
 
     @abstractmethod
     def topics_among(self, topics: Mapping[str, Collection[str]], path) -> dict[str, str]:
-        """Return the topics to read, by their names in the recording, as the robot file calls them.
+        """Return the topics to read: names in the robot file by names in the recording.
 
         Parameters
         ----------
         topics : mapping of str to collection of str
-            What there is, with its types; without any where types are not known.
+            Existing topics with their types; without types if these are unknown.
         path : object
             The recording, for messages.
 
         Raises
         ------
         RecordingError
-            If one is missing, or of another type than the robot file says.
+            If a topic is missing or has another type than in the robot file.
 
         """
 
     @abstractmethod
     def add(self, topic: str, message, recorded: int) -> None:
-        """Take a message, at its time of record in nanoseconds."""
+        """Add a message with its recording time in nanoseconds."""
 
     @abstractmethod
     def note_wrong(self, topic: str, what: str) -> None:
-        """Count a message that cannot be used."""
+        """Count an unusable message."""
 
     @abstractmethod
     def set_clock(self, now: int) -> None:
-        """Take what /clock says, in nanoseconds."""
+        """Set the time of /clock in nanoseconds."""
 
     @abstractmethod
     def finish(self) -> dict[str, int]:
-        """Work through all that waits; return what was dropped, by cause."""
+        """Process all waiting messages; return what was dropped, by cause."""
 
     def recorded(
         self, num_read: int, traffic: Traffic, unreadable: Mapping[str, str]
     ) -> RecordedEpisodes:
-        """Return what was collected, when nothing more is to come."""
+        """Return the collected episodes, when all messages were added."""
         dropped, builder = self.finish(), self.builder
         dropped |= {explained('episodes', cause): n for cause, n in builder.dropped.items()}
         if builder.num_partly_acting:
-            cause = 'actions of episodes of which some steps have none'
+            cause = 'actions of episodes in which some steps have none'
             dropped[cause] = builder.num_partly_acting
         return RecordedEpisodes(
             self.channel_names, self.episodes, num_read, self.action_names, builder.stamps,
@@ -105,7 +105,7 @@ class Collector(ABC):
 
 
 class SampledEpisodes(Collector):
-    """Make episodes of a robot's own topics, by its robot file."""
+    """Make episodes from a robot's own topics by its robot file."""
 
     def __init__(self, robot: RobotFile):
         super().__init__(EpisodeBuilder(MAX_EPISODE_STEPS))
@@ -139,8 +139,8 @@ class SampledEpisodes(Collector):
         for name, called in found.items():
             if len(called) > 1:
                 raise RecordingError(
-                    f'{path}: {name} of the robot file may be {first(called)}; expected a whole '
-                    'name, with / before it'
+                    f'{path}: {name} of the robot file may be {first(called)}; expected a full '
+                    'name that begins with /'
                 )
             kinds = topics[called[0]]
             if kinds and (problem := self._robot.type_problem(name, kinds)):
@@ -149,15 +149,15 @@ class SampledEpisodes(Collector):
         return self._names
 
     def add(self, topic: str, message, recorded: int) -> None:
-        """Take a message."""
+        """Add a message."""
         self._collect(self._sampler.add(self._names[topic], message, recorded))
 
     def note_wrong(self, topic: str, what: str) -> None:
-        """Count a message that cannot be used."""
+        """Count an unusable message."""
         self._sampler.note_wrong(self._names[topic], what)
 
     def set_clock(self, now: int) -> None:
-        """Take what /clock says."""
+        """Set the time of /clock."""
         self._collect(self._sampler.set_clock(now))
 
     def _collect(self, steps: list[Step]) -> None:
@@ -165,7 +165,7 @@ class SampledEpisodes(Collector):
             self.episodes += self.builder.add(step.state, step.sample, step.stamp, step.action)
 
     def finish(self) -> dict[str, int]:
-        """Work through all that waits; return what was dropped."""
+        """Process all waiting messages; return what was dropped."""
         sampler = self._sampler
         self._collect(sampler.flush())
         dropped = {f'late messages of {t}': n for t, n in sampler.late.items() if n}
@@ -180,7 +180,7 @@ class SampledEpisodes(Collector):
 
 
 def _topics_called(name: str, topics: Collection[str]) -> list[str]:
-    """Return the topics that a name of the robot file means: a relative one in any namespace."""
+    """Return the topics that match a name of the robot file, if relative in any namespace."""
     if f'/{name.removeprefix("/")}' in topics:
         return [f'/{name.removeprefix("/")}']
     return [] if name.startswith('/') else [t for t in topics if t.endswith(f'/{name}')]

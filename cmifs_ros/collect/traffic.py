@@ -39,20 +39,24 @@ def rates_of(recordings: Sequence[Traffic]) -> dict[str, Rate]:
 
 
 class TrafficMeter:
-    """Measure what topics carry while they are on, and so what they do not while they are off.
+    """Measure the traffic of topics while they are on, and what is saved while they are off.
 
     Attributes
     ----------
     saved : dict of str to Rate
-        By topic, the messages and bytes that have not come because it was off, about.
+        By topic, roughly the messages and bytes not received because it was off.
 
     """
 
     def __init__(self):
         self._messages: Counter[str] = Counter()
-        self._sizes: dict[str, int] = {}  # The newest message's, in bytes.
-        self._seconds: dict[str, float] = {}  # For which a topic was on, from its first message.
-        self._cpu: dict[bool, tuple[float, float]] = {}  # CPU and all seconds, while any is off.
+        self._sizes: dict[str, int] = {}  # Sizes of the newest messages in bytes.
+        self._seconds: dict[
+            str, float
+        ] = {}  # Seconds for which a topic was on, since its first message.
+        self._cpu: dict[
+            bool, tuple[float, float]
+        ] = {}  # CPU and elapsed seconds while any topic is off.
         self.saved: dict[str, Rate] = {}
 
     def take(self, topic: str) -> None:
@@ -60,11 +64,11 @@ class TrafficMeter:
         self._messages[topic] += 1
 
     def weigh(self, topic: str, size: int) -> None:
-        """Take the size of a topic's newest message in bytes."""
+        """Note the size of a topic's newest message in bytes."""
         self._sizes[topic] = size
 
     def pass_time(self, seconds: float, cpu_seconds: float, off: Collection[str]) -> None:
-        """Take the time since the last call, in which these topics were off."""
+        """Add the time since the last call, in which these topics were off."""
         cpu, total = self._cpu.get(bool(off), (0.0, 0.0))
         self._cpu[bool(off)] = cpu + cpu_seconds, total + seconds
         for topic in self._messages.keys() - set(off):
@@ -76,7 +80,7 @@ class TrafficMeter:
             )
 
     def rate(self, topic: str) -> Rate:
-        """Return the mean of a topic while it is on."""
+        """Return the mean rate of a topic while it is on."""
         seconds = self._seconds.get(topic, 0.0)
         messages = self._messages[topic] / seconds if seconds else 0.0
         return Rate(messages, messages * self._sizes.get(topic, 0))

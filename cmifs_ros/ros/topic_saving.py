@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""Topics that are switched off: who is told, who may ask for them back, and what it saves."""
+"""Switching topics off: publication, the service to switch them on, and what it saves."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from .qos import LATCHED_QOS
 
 
 class TopicSaving:
-    """Give selections to `saving`; publish `switched_off`, serve `~/explore`, say what is saved.
+    """Pass selections to `saving`; publish `switched_off`, serve `~/explore`, report savings.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ class TopicSaving:
         self.tell()
 
     def tell(self) -> None:
-        """Publish which topics are switched off, if that has changed."""
+        """Publish which topics are switched off, if they have changed."""
         off = self._saving.off
         if off != self._told:
             if self._told is not None:
@@ -50,7 +50,7 @@ class TopicSaving:
             self._publisher.publish(String(data=json.dumps(names)))
 
     def status(self) -> DiagnosticStatus:
-        """Return what is to be said of it once a second."""
+        """Return its status, once a second."""
         saved = self._meter.saved
         messages = sum(of.messages for of in saved.values())
         values = {

@@ -40,12 +40,12 @@ def main(arguments: list[str] | None = None, program: str = 'select_from_bag') -
     parser = argparse.ArgumentParser(program, description=__doc__)
     parser.add_argument(
         'recordings', nargs='+', type=home_path, metavar='RECORDING',
-        help='files, or folders of them; they are pooled',
+        help='recordings, or folders of them; they are pooled',
     )  # fmt: skip
     parser.add_argument(
         '--robot', metavar='FILE',
-        help='the robot file; without, bags hold state and reward, and the rows of tables are '
-        'steps, named as LeRobot, Minari, robomimic or D4RL do',
+        help='the robot file; without it, bags must hold state and reward, and the rows of tables '
+        'are steps, with the names of LeRobot, Minari, robomimic or D4RL',
     )  # fmt: skip
     parser.add_argument(
         '--out', type=folder_to_write, default=Path(), metavar='FOLDER',
@@ -106,12 +106,12 @@ def main(arguments: list[str] | None = None, program: str = 'select_from_bag') -
         type=number_from(1),
         default=1,
         metavar='N',
-        help='recordings read at the same time',
+        help='number of recordings read in parallel',
     )
     where.add_argument(
         '--scheduler', metavar='ADDRESS',
-        help='read and select on the cluster of this Dask scheduler, which finds the recordings by '
-        'the same paths',
+        help='read and select on the cluster of this Dask scheduler, with the recordings under the '
+        'same paths',
     )  # fmt: skip
     parser.add_argument(
         '--stability', type=number_from(1), default=0, metavar='N',
@@ -128,7 +128,7 @@ def _run(options: argparse.Namespace) -> None:
     try:
         robot = load_robot_file(options.robot) if options.robot else None
         if options.topics and robot is None:
-            raise CommandError('--topics needs --robot, which tells the topics of the channels')
+            raise CommandError('--topics needs --robot, which gives the topics of the channels')
         paths = [one for path in options.recordings for one in recordings_in(path, robot)]
         with backend(options.scheduler):
             recordings = list(zip(paths, _read(paths, robot, options), strict=True))
@@ -158,7 +158,7 @@ def _read(
     recorded = []
     for path, one in zip(paths, found, strict=True):
         recorded.append(one)
-        said = [counted(one.num_read, one.unit), counted(len(one.episodes), 'whole episode')]
+        said = [counted(one.num_read, one.unit), counted(len(one.episodes), 'complete episode')]
         said += [f'{counted(one.num_between, "step")} between episodes'] if one.num_between else []
         print(f'{path}: {", ".join(said)}')
         for cause, count in one.dropped.items():

@@ -75,7 +75,7 @@ def test_what_is_dispensable_is_unsubscribed_and_comes_back(start, robot, tmp_pa
     around.say('no selection')
     robot.until(lambda: 'a selection switches no topic off' in sampler.output)
     select(1)
-    robot.until(lambda: status('saving')[1].endswith('the selection has stood 1 of 2 times'))
+    robot.until(lambda: status('saving')[1].endswith('same selection 1 of 2 times'))
     robot.until(lambda: robot.value('episodes') >= 2)
     select(2)
     robot.until(lambda: around.listened_to == [True, False])
@@ -93,7 +93,7 @@ def test_what_is_dispensable_is_unsubscribed_and_comes_back(start, robot, tmp_pa
     assert float(values['bytes saved'].split()[0]) > 0
     assert {'CPU with all topics', 'CPU while saving'} <= values.keys()
 
-    # After as many episodes; then off again, after whole episodes that are learned from.
+    # After as many episodes; then off again, after complete episodes that are learned from.
     before = robot.value('episodes')
     robot.until(lambda: around.listened_to == [True, True])
     robot.until(lambda: around.listened_to == [True, False])
@@ -105,9 +105,9 @@ def test_what_is_dispensable_is_unsubscribed_and_comes_back(start, robot, tmp_pa
     select(2, doubt='the data have changed since the selection: a')
     robot.until(lambda: around.listened_to == [True, True])
     said = 'all topics are on (the data have changed since the selection: a)'
-    robot.until(lambda: status('saving')[1] == f'{said}: the selection has stood 0 of 2 times')
+    robot.until(lambda: status('saving')[1] == f'{said}: same selection 0 of 2 times')
     select(3)
-    robot.until(lambda: status('saving')[1] == f'{said}: the selection has stood 1 of 2 times')
+    robot.until(lambda: status('saving')[1] == f'{said}: same selection 1 of 2 times')
     select(4)
     robot.until(lambda: around.listened_to == [True, False])
 

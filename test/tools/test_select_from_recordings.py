@@ -44,7 +44,7 @@ def test_a_table_of_steps_has_the_report_of_a_bag(tmp_path, capsys):
     selection = selected(tmp_path, path, '--report', report)
     assert (selection['names'], selection['episodes']) == (['x'], 40)
     printed = capsys.readouterr().out
-    assert f'{path}: 160 steps, 40 whole episodes' in printed
+    assert f'{path}: 160 steps, 40 complete episodes' in printed
     assert 'keep these:\n  x: adds' in printed
     assert '<h1>Selected: x' in (report / 'index.html').read_text()
 
@@ -83,5 +83,5 @@ def test_a_robot_file_reads_a_table_as_messages(tmp_path, capsys):
     selection = selected(tmp_path, tmp_path / 'drive.parquet', '--robot', robot)
     assert (selection['names'], selection['episodes']) == (['x'], 50)
     printed = capsys.readouterr().out
-    assert '300 messages, 50 whole episodes' in printed
+    assert '300 messages, 50 complete episodes' in printed
     assert 'keep these:\n  /drive: x adds' in printed

@@ -116,16 +116,16 @@ class Source:
 
 @dataclass(frozen=True)
 class SavingCycle:
-    """When topics that are not needed are switched off, and when they come back.
+    """When unneeded topics are switched off, and when they come back.
 
     Attributes
     ----------
     after : int
-        Selections in a row that have to agree.
+        Number of consecutive selections that must agree.
     explore_every : int
-        Episodes with topics switched off, after which all come back
+        Number of episodes with topics switched off, after which all come back.
     explore_episodes : int
-        for so many whole episodes.
+        Number of complete episodes with all topics on.
 
     """
 

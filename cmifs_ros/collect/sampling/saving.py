@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""Which topics are switched off while a selection stands, and when they come back."""
+"""Which topics are switched off while a selection is stable, and when they come back."""
 
 from __future__ import annotations
 
@@ -16,9 +16,10 @@ from cmifs_ros.core.words import counted, listed
 class Saving:
     """Switch topics off at the end of an episode, and on again at any time.
 
-    A topic can go when all its channels are dispensable, by each of the last `after` selections,
-    which agree in what is selected; unless actions, steps, the reward or ends of episodes need it,
-    or it is latched: it speaks rarely, and what it said last would be lost.
+    A topic can go if all its channels are dispensable in each of the last `after` selections, which
+    must have selected the same sensors. Topics needed for actions, steps, the reward or ends of
+    episodes stay, and so do latched ones: they publish rarely, and their last message would be
+    lost.
 
     Parameters
     ----------
@@ -39,14 +40,14 @@ class Saving:
         self._needed = latched.union(robot.topics_for(()))
         self._number: int | None = None  # of the newest selection
         self._selected: frozenset[str] = frozenset()
-        #: By each selection since the selected channels changed, the topics that can go.
+        #: Topics that can go, by selection since the selected channels changed.
         self._can_go: deque[frozenset[str]] = deque(maxlen=self._cycle.after if self._cycle else 1)
         self._cause = ''
-        self._num_episodes = 0  # whole ones while all is on; any ones while topics are off
+        self._num_episodes = 0  # complete ones while all topics are on; all while some are off
         self.off: frozenset[str] = frozenset()
 
     def select(self, selection: Selection) -> None:
-        """Take a selection in use, which may come again with a doubt about it."""
+        """Note a selection in use, which may be published again with a doubt."""
         if self._cycle is None:
             return
         is_new = selection.number != self._number
@@ -61,11 +62,11 @@ class Saving:
             self.explore(selection.doubt or 'the selection has changed')
 
     def explore(self, cause: str) -> None:
-        """Switch all topics on, for as many whole episodes as the robot file says."""
+        """Switch all topics on for as many complete episodes as the robot file says."""
         self.off, self._num_episodes, self._cause = frozenset(), 0, cause
 
     def end_episode(self, is_whole: bool) -> None:
-        """Note the end of an episode; whole is one that has every channel at every step."""
+        """Note the end of an episode; it is whole if it has every channel at every step."""
         if self._cycle is None:
             return
         self._num_episodes += is_whole or bool(self.off)
@@ -76,13 +77,13 @@ class Saving:
             self.off, self._num_episodes = self._agreed(), 0
 
     def _agreed(self) -> frozenset[str]:
-        """Return the topics that can go by as many selections as are asked for."""
+        """Return the topics that can go according to enough selections."""
         if len(self._can_go) < self._cycle.after:
             return frozenset()
         return frozenset.intersection(*self._can_go)
 
     def in_words(self) -> str:
-        """Return where the cycle is."""
+        """Return the state of the cycle as text."""
         cycle, count = self._cycle, self._num_episodes
         if self.off:
             left = counted(cycle.explore_every - count, 'episode')
@@ -90,7 +91,7 @@ class Saving:
         why = f' ({self._cause})' if self._cause else ''
         if len(self._can_go) < cycle.after:
             stood = f'{len(self._can_go)} of {cycle.after}'
-            return f'all topics are on{why}: the selection has stood {stood} times'
+            return f'all topics are on{why}: same selection {stood} times'
         if not self._agreed():
             return f'all topics are on{why}: none can go'
         whole = f'{count} of {counted(cycle.explore_episodes, "whole episode")}'

@@ -16,7 +16,7 @@ SUFFIXES = ('.parquet', '.csv')
 
 
 def pyarrow():
-    """Return the module; raise a RecordingError with the remedy if it is missing."""
+    """Return the module; raise RecordingError with the remedy if it is missing."""
     try:
         import pyarrow as found
     except ImportError as error:
@@ -25,7 +25,7 @@ def pyarrow():
 
 
 def is_wanted(kind) -> bool:
-    """Return whether values of an Arrow type may be numbers or words; pictures are not."""
+    """Return whether an Arrow type holds numbers or words; images do not."""
     types = pyarrow().types
     if types.is_list(kind) or types.is_large_list(kind) or types.is_fixed_size_list(kind):
         return is_wanted(kind.value_type)
@@ -35,7 +35,7 @@ def is_wanted(kind) -> bool:
 
 
 def read(path: Path):
-    """Return a file's Arrow table without pictures; raise a RecordingError if it is none."""
+    """Return a file's Arrow table without images; raise RecordingError if it is not a table."""
     pa = pyarrow()
     from pyarrow import csv, parquet
 
@@ -50,34 +50,32 @@ def read(path: Path):
 
 
 def read_all(path: Path, files: Iterable[Path]):
-    """Return the files of a data set as one Arrow table; raise a RecordingError if they differ."""
+    """Return the files of a data set as one Arrow table; raise RecordingError if they differ."""
     pa = pyarrow()
     try:
         return pa.concat_tables([read(file) for file in files], promote_options='permissive')
     except pa.ArrowException as error:
         what = ' '.join(str(error).split())[:300]
-        raise RecordingError(
-            f'the tables of {path} are none or have other columns: {what}'
-        ) from error
+        raise RecordingError(f'the tables of {path} cannot be joined: {what}') from error
 
 
 def table_of(frame):
-    """Return a data frame as an Arrow table; raise a RecordingError if it is none."""
+    """Return a data frame as an Arrow table; raise RecordingError if it is not one."""
     try:
         return pyarrow().table(frame)
     except (TypeError, ValueError) as error:
         raise RecordingError(
-            f'{type(frame).__name__} is no data frame: {" ".join(str(error).split())[:300]}'
+            f'{type(frame).__name__} is not a data frame: {" ".join(str(error).split())[:300]}'
         ) from error
 
 
 def files_in(path: Path) -> list[Path]:
-    """Return the files of tables that a path is, or has in it."""
+    """Return the table files at a path, which is one or a folder of them."""
     return sorted(file for file in (path, *path.rglob('*')) if file.suffix in SUFFIXES)
 
 
 def messages_of(name: str, table) -> Table:
-    """Return an Arrow table as one of messages."""
+    """Return an Arrow table as a table of messages."""
     while any(pyarrow().types.is_struct(part.type) for part in table.schema):
         table = table.flatten()
     columns = {column: _column(table[column]) for column in table.column_names}

@@ -2,9 +2,9 @@
 
 """HDF5 files, read by h5py, which is optional: pip install h5py.
 
-Without a robot file a file is a data set of steps, as Minari, robomimic, D4RL or ALOHA write it:
-groups of `observations` or `obs`, `actions` or `action`, and `rewards`. With a robot file its
-groups are tables of messages.
+Without a robot file, a file is a data set of steps as written by Minari, robomimic, D4RL or ALOHA:
+groups `observations` or `obs`, `actions` or `action`, and `rewards`. With a robot file, its groups
+are tables of messages.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ from .table import NANOSECONDS, SECONDS, STAMP, Column, Table, times_of
 
 SUFFIXES = ('.h5', '.hdf5')
 _STATES, _ACTIONS, _REWARDS = ('observations', 'obs'), ('actions', 'action'), ('rewards', 'reward')
-#: By these D4RL marks the last steps of the episodes of one long array.
+#: Data sets by which D4RL marks the last steps of episodes in one long array.
 _ENDS = ('terminals', 'timeouts')
 
 
 @contextmanager
 def opened(path: Path) -> Iterator:
-    """Open a file; raise a RecordingError if that cannot be done."""
+    """Open a file; raise RecordingError if it cannot be opened."""
     try:
         from h5py import File
     except ImportError as error:
@@ -60,7 +60,7 @@ def tables_in(path, file) -> dict[str, Callable[[], Table]]:
     if not groups:
         raise RecordingError(
             f'{path} has no group with a data set {SECONDS}, {NANOSECONDS} or {STAMP[0]}; with a '
-            'robot file its groups are tables of messages, without one the rows are steps'
+            'robot file its groups are tables of messages; without one, rows are steps'
         )
     return {name: partial(_table, f'{path}: {name}', group) for name, group in groups.items()}
 
@@ -77,7 +77,7 @@ def _is_group(found) -> bool:
 
 
 def _datasets(group) -> dict:
-    """Return the data sets in a group, by their names below it, with dots between."""
+    """Return the data sets in a group by their names below it, joined by dots."""
     found: dict = {}
     group.visititems(
         lambda name, item: found.update({} if _is_group(item) else {name.replace('/', '.'): item})
@@ -134,7 +134,7 @@ def steps_in(path, file) -> RecordedEpisodes:
 
 
 def _groups(file) -> dict:
-    """Return what may be an episode: the file, its groups, and those of `data`, in their order."""
+    """Return groups that may be episodes: the file, its groups, and those of `data`, in order."""
     found = {'the file': file}
     for above in (file, file.get('data')):
         if _is_group(above):
@@ -163,7 +163,9 @@ def _steps(name: str, group, unreadable: dict[str, str]) -> Steps:
     sizes |= {key: len(part) for key, part in values.items()}
     count = next(iter(sizes.values()), len(next(iter(states.values()))))
     for key, part in states.items():
-        sizes[f'state {key}'.strip()] = len(part) - (len(part) == count + 1)  # And the last one's.
+        sizes[f'state {key}'.strip()] = len(part) - (
+            len(part) == count + 1
+        )  # Also the state after the last step.
     wrong = [f'{key} {size}' for key, size in sizes.items() if size != count]
     if wrong:
         raise RecordingError(
@@ -179,21 +181,21 @@ def _said(unreadable: Mapping[str, str]) -> str:
 
 
 def _numbers(found, unreadable: dict[str, str]) -> dict[str, np.ndarray]:
-    """Return the arrays of an observation or an action by key; note what is left out."""
+    """Return the arrays of an observation or action by key; note what is left out."""
     items = _datasets(found) if _is_group(found) else {WHOLE: found}
     numbers = {}
     for key, item in items.items():
         if item.dtype.kind not in 'biuf':
             unreadable[key or item.name] = 'it has no numbers'
         elif item.ndim > 2:
-            unreadable[key or item.name] = 'pictures are not read'
+            unreadable[key or item.name] = 'images are not read'
         elif item.ndim:
             numbers[key] = item[:]
     return numbers
 
 
 def _split(steps: Steps, group) -> tuple[list[Steps], int]:
-    """Return the episodes of a long array whose ends are marked, and how many steps follow."""
+    """Return the episodes of a long array with marked ends, and the number of steps after them."""
     marks = [np.asarray(group[key][:], bool).ravel() for key in _ENDS if key in group]
     if not marks:
         return [steps], 0

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""Tables of steps by the names of LeRobot's columns, v2.1 and v3, or any other with such names.
+"""Read tables of steps with the column names of LeRobot (v2.1 and v3).
 
-`observation.*` are the states, `action` or `action.*` the actions; `next.reward` is the reward, and
-without it the success of the episode is that of its last step. `episode_index` tells the episodes
-apart, or `next.done` their ends.
+`observation.*` are the states, `action` or `action.*` the actions; `next.reward` is the reward. If
+it is missing, the last step has the success of the episode as its reward. `episode_index` separates
+the episodes, or `next.done` marks their ends.
 """
 
 from __future__ import annotations
@@ -26,19 +26,19 @@ _STATE, _ACTION = 'observation', 'action'
 _EPISODE, _FRAME, _DONE = 'episode_index', 'frame_index', 'next.done'
 _REWARD, _SUCCESS = 'next.reward', 'next.success'
 _PICTURES = ('video', 'image')
-#: Where a data set says what its numbers are called, and where its tables are.
+#: Where a data set keeps the names of its numbers, and its tables.
 INFO, DATA = Path('meta/info.json'), Path('data')
 
 
 class Info(NamedTuple):
-    """What a data set says of itself.
+    """The metadata of a data set.
 
     Attributes
     ----------
     features : dict
         By column, its `dtype` and `names`.
     step_seconds : float
-        NaN if it is not said.
+        NaN if unknown.
 
     """
 
@@ -47,14 +47,14 @@ class Info(NamedTuple):
 
 
 def read_info(folder: Path) -> Info:
-    """Read a data set's `INFO`; raise a RecordingError if it cannot be used."""
+    """Read a data set's `INFO`; raise RecordingError if it is invalid."""
     try:
         about = json.loads((folder / INFO).read_text())
         return Info(dict(about['features']), 1 / about['fps'] if about.get('fps') else float('nan'))
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise RecordingError(
-            f'{folder / INFO} cannot be read ({type(error).__name__}: {error}); expected what '
-            'LeRobot writes, with features'
+            f'{folder / INFO} cannot be read ({type(error).__name__}: {error}); expected the file '
+            'that LeRobot writes, with features'
         ) from error
 
 
@@ -64,7 +64,8 @@ def steps_in(path, table, info: Info | None = None) -> RecordedEpisodes:
     Raises
     ------
     RecordingError
-        If it lacks states or what tells the episodes apart, or a column's rows differ in length.
+        If it lacks states or a column that separates episodes, or rows of a column differ in
+        length.
 
     """
     info = info or Info()
@@ -98,7 +99,7 @@ def steps_in(path, table, info: Info | None = None) -> RecordedEpisodes:
         path, parts, names, f'no column {_REWARD} or {_SUCCESS}',
         {f'episodes of which {_FRAME} misses a step': num_gaps} if num_gaps else {},
         step_seconds=info.step_seconds, num_open_steps=len(table) - sum(map(len, found.values())),
-        unreadable=columns.unreadable | dict.fromkeys(pictures, 'pictures are not read'),
+        unreadable=columns.unreadable | dict.fromkeys(pictures, 'images are not read'),
     )  # fmt: skip
 
 
@@ -108,7 +109,7 @@ class _Columns:
     Attributes
     ----------
     unreadable : dict of str to str
-        Columns that were asked for and have no numbers, and why.
+        Requested columns without numbers, and why.
 
     """
 
@@ -117,7 +118,7 @@ class _Columns:
         self.unreadable: dict[str, str] = {}
 
     def below(self, start: str) -> dict[str, np.ndarray]:
-        """Return all columns whose names begin so, by the key after it."""
+        """Return all columns whose names begin with a prefix, by the rest of the name."""
         keys = {name: _key(name, start) for name in self._table.column_names}
         found = {key: self.numbers(name) for name, key in keys.items() if key is not None}
         return {key: values for key, values in found.items() if values is not None}
@@ -135,7 +136,7 @@ class _Columns:
             self.unreadable[name] = f'it has no numbers, but {of}'
             return None
         values = column.combine_chunks()
-        if isinstance(values, pa.ChunkedArray):  # Of no chunks.
+        if isinstance(values, pa.ChunkedArray):  # It has no chunks.
             values = pa.array([], kind)
         size = self._size(name, values) if is_list else None
         values = values.flatten() if is_list else values
@@ -144,7 +145,7 @@ class _Columns:
         return numbers.reshape(-1, size) if is_list else numbers
 
     def _size(self, name: str, lists) -> int:
-        """Return how many numbers each row of a column has."""
+        """Return the number of values in each row of a column."""
         sizes = np.array([-1 if row is None else len(row) for row in lists])
         wrong = np.flatnonzero(sizes != sizes[0]) if len(sizes) else []
         if len(wrong):
@@ -157,14 +158,14 @@ class _Columns:
 
 
 def _key(name: str, start: str) -> str | None:
-    """Return what tells a column from others of this start; None if it begins otherwise."""
+    """Return the name of a column after a prefix; None if it has another prefix."""
     if name in (start, f'{start}.state'):
         return WHOLE
     return name[len(start) + 1 :] if name.startswith(f'{start}.') else None
 
 
 def _episodes(columns: _Columns) -> dict[str, np.ndarray] | None:
-    """Return the rows of each whole episode by its name, None if nothing tells them apart."""
+    """Return the rows of each complete episode by name; None if no column separates them."""
     numbers, frames = columns.numbers(_EPISODE), columns.numbers(_FRAME)
     if numbers is not None:
         unknown = np.flatnonzero(np.isnan(numbers))
@@ -195,7 +196,7 @@ def _rewards(
 
 
 def _names(info: Info, start: str) -> dict[str, list[str]]:
-    """Return the names of numbers by key: of a list, of lists in a mapping, or its keys."""
+    """Return the names of numbers by key: from a list, lists in a mapping, or its keys."""
     found = {}
     for name, said in info.features.items():
         key, names = _key(name, start), said.get('names')

@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""Episodes of recordings in which each row is a step already, as data sets of robot learning have.
+"""Episodes of recordings in which each row is a step, as in data sets for robot learning.
 
-Numbers that a recording calls by a key of their own, such as the position of the gripper, are one
-sensor. Those of the one vector that is the whole state are a sensor each, by their names if the
-recording has some.
+Numbers under a key of their own, such as the position of the gripper, are one sensor. If the state
+is a single vector, each of its numbers is a sensor, named by the recording if possible.
 """
 
 from __future__ import annotations
@@ -20,22 +19,22 @@ from cmifs_ros.core import Episode
 from cmifs_ros.core.channel_names import problem_of_names
 from cmifs_ros.core.words import counted, first, listed
 
-#: The key of the one vector that is the whole state, or the whole action.
+#: The key of a single vector that is the whole state or action.
 WHOLE = ''
-#: A whole number that takes at most so many values is a discrete action.
+#: A whole number with at most this many values is a discrete action.
 _MOST_CHOICES = 32
 
 
 @dataclass(frozen=True)
 class Steps:
-    """The steps of an episode, as they were read.
+    """The steps of an episode as read.
 
     Attributes
     ----------
     name : str
-        Of the episode, for messages.
+        Name of the episode, for messages.
     states, actions : dict of str to numpy.ndarray, shape (T,) or (T, n)
-        By key; all that a state or an action consists of.
+        The parts of a state or an action by key.
     rewards : numpy.ndarray, shape (T,), or None
 
     """
@@ -52,14 +51,14 @@ class Steps:
 
 @dataclass(frozen=True)
 class Names:
-    """What a recording calls its numbers.
+    """The names of a recording's numbers.
 
     Attributes
     ----------
     state : str
-        What unnamed numbers of the whole state are called, with an index.
+        Name, with an index, for unnamed numbers of a single state vector.
     of_states, of_actions : mapping of str to sequence of str
-        By key, the names of its numbers, where there are some.
+        Names of the numbers by key, if given.
 
     """
 
@@ -78,7 +77,7 @@ def episodes_of_steps(
 ) -> RecordedEpisodes:
     """Return the episodes of a recording.
 
-    An episode with a number that is not finite is dropped, and counted by what has it.
+    An episode with a number that is not finite is dropped, and counted by where it occurs.
 
     Parameters
     ----------
@@ -89,19 +88,19 @@ def episodes_of_steps(
     no_rewards : str
         Why there are no rewards, if there are none.
     dropped : mapping of str to int
-        What was dropped before, by cause.
+        Earlier drops by cause.
     **about
-        What else `RecordedEpisodes` tells.
+        Further fields of `RecordedEpisodes`.
 
     Raises
     ------
     RecordingError
-        If there is no episode, or its numbers are not of the same keys and shapes throughout.
+        If there is no episode, or episodes differ in their keys or shapes.
 
     """
     parts = list(found)
     if not parts:
-        raise RecordingError(f'{path} has no whole episode')
+        raise RecordingError(f'{path} has no complete episode')
     parts, choices = _one_hot(parts)
     names = replace(names, of_actions={**names.of_actions, **choices})
     if len({part.rewards is None for part in parts}) > 1:
@@ -164,7 +163,7 @@ def _channel_names(key: str, size: int, names: Names) -> list[str]:
 
 
 def _action_names(key: str, size: int, names: Names) -> list[str]:
-    """Return names as `cmifs_ros.sim.gymnasium_episodes.action_names` gives them."""
+    """Return names like those of `cmifs_ros.sim.gymnasium_episodes.action_names`."""
     given, base = names.of_actions.get(key, ()), f'action_{key}' if key else 'action'
     if len(given) == size:
         return [f'{base}.{name}' for name in given]
@@ -176,7 +175,7 @@ def _not_finite(values: np.ndarray, names: Sequence[str]) -> list[str]:
 
 
 def _one_hot(parts: list[Steps]) -> tuple[list[Steps], dict[str, list[str]]]:
-    """Return steps in which discrete actions have a number for each of their values, and these."""
+    """Return steps with one-hot discrete actions, and their values."""
     choices: dict[str, list[str]] = {}
     for key in parts[0].actions:
         found = [part.actions.get(key, np.empty(0)) for part in parts]

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""A table whose rows are messages: its columns are fields, each row has a time."""
+"""A table whose rows are messages: columns are fields, and each row has a time."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ import numpy as np
 
 from cmifs_ros.collect.recorded_episodes import RecordingError
 
-#: Columns that tell the time of a row: in seconds, or as dates; in nanoseconds; as ROS does.
+#: Columns with the time of a row: in seconds or as dates; in nanoseconds; as in ROS.
 SECONDS, NANOSECONDS = 'timestamp', 'timestamp_ns'
 STAMP = ('header.stamp.sec', 'header.stamp.nanosec')
-#: So many rows of a column are decoded at a time.
+#: Rows of a column decoded at a time.
 _BLOCK = 1000
 
 
 class Column:
-    """A column, of which a block of rows is in memory.
+    """A column with a block of rows in memory.
 
     Parameters
     ----------
     read : callable
-        Returns the values of the rows from one number to another.
+        Returns the values of a range of rows.
 
     """
 
@@ -47,7 +47,7 @@ class Table:
     name : str
         For messages.
     columns : mapping of str to Column
-        By their names: dots separate fields of fields, as in `pose.position.x`.
+        By name; dots separate nested fields, as in `pose.position.x`.
     times : numpy.ndarray of int, shape (rows,)
         In nanoseconds; see `times_of`.
     num_bytes : int
@@ -55,7 +55,7 @@ class Table:
     Raises
     ------
     RecordingError
-        If one column's name is a part of another's.
+        If the name of a column is also a prefix of another one.
 
     """
 
@@ -69,7 +69,7 @@ class Table:
                 fields = fields.setdefault(part, {})
                 if not isinstance(fields, dict):
                     raise RecordingError(
-                        f'{name} has a column {column!r} and one that is called as its beginning; '
+                        f'{name} has a column {column!r} and another one that begins with it; '
                         'expected other names'
                     )
             fields[last] = columns[column]
@@ -81,7 +81,7 @@ class Table:
 
 
 class _Message:
-    """A row, with the columns as attributes; they are decoded when they are asked for."""
+    """A row with the columns as attributes, decoded on access."""
 
     def __init__(self, fields: dict, row: int):
         self._fields, self._row = fields, row
@@ -97,8 +97,8 @@ class _Message:
 
 
 def _plain(value):
-    """Return a value of a column; structures get attributes, as messages have."""
-    if isinstance(value, np.generic):  # Of 32 bits, a stamp would overflow.
+    """Return a value of a column; structures get attributes like messages."""
+    if isinstance(value, np.generic):  # With 32 bits, a stamp would overflow.
         return value.item()
     if isinstance(value, dict):
         return SimpleNamespace(**{key: _plain(part) for key, part in value.items()})
@@ -113,9 +113,9 @@ def times_of(name: str, columns: Mapping[str, np.ndarray]) -> np.ndarray:
     Parameters
     ----------
     name : str
-        Of the table, for messages.
+        Name of the table, for messages.
     columns : mapping of str to numpy.ndarray
-        Those among `SECONDS`, `NANOSECONDS` and `STAMP` that there are.
+        The existing ones among `SECONDS`, `NANOSECONDS` and `STAMP`.
 
     Raises
     ------
@@ -139,11 +139,11 @@ def times_of(name: str, columns: Mapping[str, np.ndarray]) -> np.ndarray:
     else:
         raise RecordingError(
             f'{name} has no column {SECONDS} (seconds or dates), {NANOSECONDS} or {STAMP[0]}, '
-            'which tells the time of a row; with a robot file, rows are messages'
+            'for the time of a row; with a robot file, rows are messages'
         )
     if times.dtype.kind not in 'iuf':
         raise RecordingError(f'{name}: the times are {times.dtype}; expected numbers or dates')
     bad = np.flatnonzero(~np.isfinite(times) | (times < 0))
     if len(bad):
-        raise RecordingError(f'{name} has no time in row {bad[0]}; expected one in each row')
+        raise RecordingError(f'{name} has no time in row {bad[0]}; expected a time in each row')
     return np.round(times).astype(np.int64)

@@ -115,13 +115,13 @@ def test_the_cycle_in_words():
     saving.select(selected(5, {'scan'}, 'x', 'imu'))
     said.append(saving.in_words())
     assert said == [
-        'all topics are on: the selection has stood 0 of 2 times',
-        'all topics are on: the selection has stood 1 of 2 times',
-        'all topics are on: 0 of 3 whole episodes',
+        'all topics are on: same selection 0 of 2 times',
+        'all topics are on: same selection 1 of 2 times',
+        'all topics are on: 0 of 3 complete episodes',
         'switched off: /imu, /scan; on again after 4 episodes',
-        'all topics are on (after 4 episodes without them): 0 of 3 whole episodes',
+        'all topics are on (after 4 episodes without them): 0 of 3 complete episodes',
         'all topics are on (after 4 episodes without them): none can go',
-        'all topics are on (after 4 episodes without them): the selection has stood 1 of 2 times',
+        'all topics are on (after 4 episodes without them): same selection 1 of 2 times',
     ]
 
 
@@ -239,7 +239,7 @@ def test_an_episode_during_which_a_topic_comes_back_is_not_learned_from():
 
     while not sampler.saving.off:
         drive(1, '/scan', '/radio')
-    assert len(steps) == 7  # a whole episode
+    assert len(steps) == 7  # a complete episode
     drive(3)
     sampler.saving.explore('asked')
     drive(40, '/scan')  # The radio is silent still.

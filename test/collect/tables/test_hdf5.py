@@ -68,7 +68,7 @@ def test_minari_of_a_dict_space_and_continuous_actions(tmp_path):
     found = episodes_of_recording(write(tmp_path / 'main_data.hdf5', contents))
     assert found.channel_names == ('goal[0]', 'goal[1]', 'goal[2]', 'speed')
     assert found.action_names == ('action_0', 'action_1')
-    assert found.unreadable == {'eye': 'pictures are not read'}
+    assert found.unreadable == {'eye': 'images are not read'}
     states = np.hstack([contents[f'episode_1/observations/{key}'][:5] for key in ('goal', 'speed')])
     np.testing.assert_array_equal(found.episodes[1].states, states)
 
@@ -93,7 +93,7 @@ def test_robomimic(tmp_path):
     names = ('gripper', 'robot0_eef_pos[0]', 'robot0_eef_pos[1]', 'robot0_eef_pos[2]')
     assert found.channel_names == names
     assert found.action_names == tuple(f'action_{i}' for i in range(7))
-    assert found.unreadable == {'wrist_image': 'pictures are not read'}
+    assert found.unreadable == {'wrist_image': 'images are not read'}
     for episode, (states, actions, rewards) in zip(found.episodes, expected, strict=True):
         np.testing.assert_array_equal(episode.states, states)
         np.testing.assert_array_equal(episode.actions, actions)
@@ -139,7 +139,7 @@ def test_aloha_has_an_episode_in_each_file_and_no_reward(tmp_path):
         ({'episode_1/observations': np.zeros((6, 3))}, 'episode_1 has states of 3 numbers; '
          'expected 4 numbers, as '),
         ({'episode_1/observations': np.zeros((6, 4, 4))}, 'episode_1 has no state of numbers; '
-         '/episode_1/observations: pictures are not read'),
+         '/episode_1/observations: images are not read'),
         ({'episode_1/rewards': None}, 'has rewards in some episodes only; expected them in all'),
     ],
 )  # fmt: skip

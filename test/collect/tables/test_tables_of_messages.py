@@ -182,7 +182,7 @@ def test_rows_in_any_order_are_sorted_by_their_time(tmp_path):
     ('columns', 'said'),
     [
         ({'x': [1.0]}, 'has no column timestamp (seconds or dates), timestamp_ns or '
-         'header.stamp.sec, which tells the time of a row'),
+         'header.stamp.sec, for the time of a row'),
         ({'timestamp': [0.0, None], 'x': [1.0, 2.0]}, 'has no time in row 1'),
         ({'timestamp': ['soon'], 'x': [1.0]}, 'the times are object; expected numbers or dates'),
         ({'timestamp': [0.0], 'x': [1.0], 'x.y': [1.0]}, "has a column 'x.y' and one that is "
@@ -219,5 +219,5 @@ def test_what_is_no_recording_is_one_sentence(tmp_path):
     (tmp_path / 'torn.parquet').write_bytes(b'PAR1')
     with pytest.raises(RecordingError, match='cannot be read as parquet'):
         episodes_of_recording(tmp_path / 'torn.parquet')
-    with pytest.raises(RecordingError, match='int is no data frame'):
+    with pytest.raises(RecordingError, match='int is not a data frame'):
         episodes_of_recording(3)
