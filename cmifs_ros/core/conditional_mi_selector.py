@@ -77,9 +77,9 @@ class ConditionalMISelector(SensorSelector):
 
     Attributes
     ----------
-    pvalues_ : numpy.ndarray, shape (len(ranking_),)
-        p-values of the hypothesis that a sensor is uninformative given the selected ones,
-        corrected for the number of candidates.
+    pvalues_ : numpy.ndarray, shape (S,)
+        For each of the S ranked sensors, the p-value of the hypothesis that it is uninformative
+        given the selected ones, corrected for the number of candidates.
     statuses_ : list of str
         One of `STATUSES` for each ranked sensor.
     effects_ : list of Effect
@@ -91,7 +91,7 @@ class ConditionalMISelector(SensorSelector):
         held-out episodes.
     warnings_ : list of str
         What the data cannot show. Each is also passed to `warnings.warn`.
-    null_scores_ : numpy.ndarray, shape (len(ranking_), 3)
+    null_scores_ : numpy.ndarray, shape (S, 3)
         5 %, median and 95 % of the scores of uninformative sensors at the same rank: a prediction
         interval from six shadows, whose trajectories are exchanged between episodes.
     supporting_channels_ : list of tuple of int

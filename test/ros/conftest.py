@@ -179,7 +179,7 @@ class Robot:
         self.action_publisher = self.node.create_publisher(JointState, 'action', STREAM)
 
         def is_heard():
-            self.action_publisher.publish(JointState())  # Of no use, which is told.
+            self.action_publisher.publish(JointState())  # Unusable, which is reported.
             _, _, values = self.diagnostics.get('selector: input', (b'', '', {}))
             return 'messages dropped: malformed_action' in values
 

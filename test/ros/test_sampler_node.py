@@ -126,7 +126,7 @@ def test_it_says_which_channel_breaks_episodes_and_goes_on(start, robot, robot_f
     drive.silent = {'scan'}
     robot.until(
         lambda: (
-            'lack scan: silent for more than its max_age, 1 s; they'
+            'lack scan: silent for more than its max_age, 1 s; this'
             in robot.diagnostics['sampler: steps'][1]
         )
     )

@@ -68,7 +68,7 @@ def test_a_folder_of_recordings_is_pooled_and_a_copy_counts_once(tmp_path, capsy
     selection = selected(tmp_path, folder)
     assert selection['episodes'] == 80
     printed = capsys.readouterr().out
-    assert 'run_10.parquet: 40 of 40 episodes left out, as they were recorded twice' in printed
+    assert 'run_10.parquet: 40 of 40 episodes left out, because they were recorded twice' in printed
 
 
 def test_a_robot_file_reads_a_table_as_messages(tmp_path, capsys):

@@ -94,5 +94,5 @@ class Saving:
             return f'all topics are on{why}: same selection {stood} times'
         if not self._agreed():
             return f'all topics are on{why}: none can go'
-        whole = f'{count} of {counted(cycle.explore_episodes, "whole episode")}'
+        whole = f'{count} of {counted(cycle.explore_episodes, "complete episode")}'
         return f'all topics are on{why}: {whole}'

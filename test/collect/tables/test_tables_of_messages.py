@@ -185,8 +185,8 @@ def test_rows_in_any_order_are_sorted_by_their_time(tmp_path):
          'header.stamp.sec, for the time of a row'),
         ({'timestamp': [0.0, None], 'x': [1.0, 2.0]}, 'has no time in row 1'),
         ({'timestamp': ['soon'], 'x': [1.0]}, 'the times are object; expected numbers or dates'),
-        ({'timestamp': [0.0], 'x': [1.0], 'x.y': [1.0]}, "has a column 'x.y' and one that is "
-         'called as its beginning'),
+        ({'timestamp': [0.0], 'x': [1.0], 'x.y': [1.0]}, "has a column 'x.y' and another one "
+         'that begins with it'),
     ],
 )  # fmt: skip
 def test_a_table_that_cannot_be_used_is_one_sentence(tmp_path, columns, said):
@@ -214,7 +214,7 @@ def test_what_is_no_recording_is_one_sentence(tmp_path):
     (tmp_path / 'page.html').write_text('<p>')
     for path in (tmp_path, tmp_path / 'page.html'):
         for robot in (None, WIDE):
-            with pytest.raises(RecordingError, match='is no recording; expected a bag'):
+            with pytest.raises(RecordingError, match='is not a recording; expected a bag'):
                 episodes_of_recording(path, robot)
     (tmp_path / 'torn.parquet').write_bytes(b'PAR1')
     with pytest.raises(RecordingError, match='cannot be read as parquet'):
