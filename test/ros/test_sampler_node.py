@@ -168,7 +168,7 @@ def test_messages_of_another_type_than_the_file_means_do_not_end_it(start, robot
     robot.until(lambda: said in robot.diagnostics['sampler: /text'][1])
     said = "/go/_action/status has no field 'status_list'; expected one of data"
     robot.until(lambda: said in robot.diagnostics['sampler: /go/_action/status'][1])
-    said = '/b is of type std_msgs/msg/Float32, not std_msgs/msg/Float64 as the robot file says'
+    said = '/b is of type std_msgs/msg/Float32, not std_msgs/msg/Float64 as in the robot file'
     robot.until(lambda: said in robot.diagnostics['sampler: /b'][1])
     assert said in sampler.output
     assert sampler.process.poll() is None
