@@ -112,7 +112,7 @@ def advice_of(
         elif None not in found and all(sensor.status == DISPENSABLE for sensor in sensors):
             notes = _added(name, sensors, _at_most) + _conditions(sensors)
             if name in needed:
-                notes += ('but actions, steps, reward or ends of episodes need the topic',)
+                notes += ('but actions, steps, the reward or the ends of episodes need the topic',)
                 keep.append(Item(name, notes, rate))
             else:
                 can_go.append(Item(name, notes, rate))

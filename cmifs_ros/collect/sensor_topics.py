@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""Which topics channels come from, and what these carry: from the sampler to the selector."""
+"""The topics of channels and their traffic, passed from the sampler to the selector."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class SensorTopics(NamedTuple):
     rates : mapping of str to Rate
         By topic, as received.
     needed : tuple of str
-        Topics that actions, steps, reward or ends of episodes need, whatever channels they have.
+        Topics needed for actions, steps, the reward or the ends of episodes.
 
     """
 
@@ -33,7 +33,7 @@ class SensorTopics(NamedTuple):
 
 
 def topic_fields(found: SensorTopics) -> dict[str, Any]:
-    """Return sensor topics as JSON says them; docs/interface.md lists the fields."""
+    """Return sensor topics as a dict for JSON; docs/interface.md lists the fields."""
     return {
         'channels': dict(found.topics),
         'rates': rate_fields(found.rates),
@@ -42,7 +42,7 @@ def topic_fields(found: SensorTopics) -> dict[str, Any]:
 
 
 def rate_fields(rates: Mapping[str, Rate]) -> dict[str, dict[str, float]]:
-    """Return rates by topic as JSON says them."""
+    """Return rates by topic as a dict for JSON."""
     return {
         topic: {'messages_per_s': _short(rate.messages), 'bytes_per_s': _short(rate.bytes)}
         for topic, rate in rates.items()
@@ -50,12 +50,12 @@ def rate_fields(rates: Mapping[str, Rate]) -> dict[str, dict[str, float]]:
 
 
 def sensor_topics_of(fields: dict[str, Any]) -> SensorTopics:
-    """Return the sensor topics that JSON says, which may say anything.
+    """Return the sensor topics in a value from JSON, which is not trusted.
 
     Raises
     ------
     ValueError, TypeError, KeyError, AttributeError
-        If a field is missing or cannot be one.
+        If a field is missing or invalid.
 
     """
     topics = {_name(channel): _name(topic) for channel, topic in fields['channels'].items()}
@@ -72,7 +72,7 @@ def sensor_topics_of(fields: dict[str, Any]) -> SensorTopics:
 
 def _name(value) -> str:
     if not isinstance(value, str) or not 0 < len(value) <= MAX_NAME_LENGTH:
-        raise ValueError(f'{value!r:.40} in place of a name of 1 to {MAX_NAME_LENGTH} characters')
+        raise ValueError(f'{value!r:.40} instead of a name of 1 to {MAX_NAME_LENGTH} characters')
     return value
 
 

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""What the selector hears of the topics behind its channels, if a sampler tells."""
+"""The topics of the selector's channels, as published by a sampler, if there is one."""
 
 from __future__ import annotations
 

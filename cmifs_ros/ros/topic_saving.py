@@ -27,7 +27,7 @@ class TopicSaving:
     node : rclpy.node.Node
     saving : Saving
     meter : TrafficMeter
-        Measures what topics carry.
+        Measures the traffic of topics.
 
     """
 

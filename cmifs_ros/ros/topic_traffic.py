@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""What the sampler tells the selector of its topics: their channels, and what they carry."""
+"""Publish the topics of channels and their traffic from the sampler to the selector."""
 
 from __future__ import annotations
 
@@ -42,14 +42,14 @@ class TopicTraffic:
         self._publish()
 
     def take(self, topic: str, message) -> None:
-        """Count a message; one of each topic a second is weighed."""
+        """Count a message; measure the size of one message per topic and second."""
         self.meter.take(topic)
         if topic not in self._weighed:
             self._weighed.add(topic)
             self.meter.weigh(topic, len(serialize_message(message)))
 
     def report(self, off: frozenset[str]) -> None:
-        """Publish the rates; to be called once a second with the topics that are switched off."""
+        """Publish the rates, once a second, given the topics that are switched off."""
         now = time.monotonic(), time.process_time()
         seconds, cpu_seconds = (at - then for at, then in zip(now, self._looked_at, strict=True))
         self._looked_at = now

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""What both demos share, that of the nodes and that of the library: options, and what they show."""
+"""The options and the output that the demos of the nodes and of the library share."""
 
 from __future__ import annotations
 
@@ -15,27 +15,30 @@ from cmifs_ros.sim import SCENARIOS, channel_names
 from .arguments import file_to_write
 from .ranking import draw_ranking, ranking_text
 
-#: What matters in each world, known because the world is ours; only used to comment the result.
+#: The sensors that matter in each world; used only to comment on the result.
 RELEVANT = {
     'without_gravel': ('x', 'y'),
     'with_gravel': ('x', 'y', 'battery', 'gravel'),
 }
 READING = """\
-adds       the share of the return's variance that the sensor predicts beside
-           the selected ones; an uninformative one is below 0 half of the time
-p          from a test of its own, which sees more than the share does
+adds       share of the return's variance that the sensor predicts beyond the
+           selected ones; for an uninformative one, below 0 half of the time
+p          p-value of a separate test, which is more sensitive than the share
 status     confirmed: there is evidence; dispensable: there is none, and the
            sensor adds less than {margin:.0%} (with 95 % confidence); undecided:
-           neither, and more episodes may settle it"""
+           neither; more episodes may settle it"""
 
 
 def demo_parser(program: str, description: str) -> argparse.ArgumentParser:
-    """Return a parser of the options of both demos."""
+    """Return a parser for the options of both demos."""
     parser = argparse.ArgumentParser(program, description=description)
     parser.add_argument('--scenario', choices=SCENARIOS, default='without_gravel')
     parser.add_argument('--episodes', type=int, default=100, help='episodes to collect')
     parser.add_argument(
-        '--num-features', type=int, default=0, help='sensors to select (default: what is confirmed)'
+        '--num-features',
+        type=int,
+        default=0,
+        help='sensors to select (default: the confirmed ones)',
     )
     parser.add_argument('--seed', type=int, default=0, help='seed of the simulator')
     parser.add_argument(
@@ -45,7 +48,7 @@ def demo_parser(program: str, description: str) -> argparse.ArgumentParser:
 
 
 def parsed(parser: argparse.ArgumentParser, arguments: list[str] | None) -> argparse.Namespace:
-    """Return checked options."""
+    """Return the parsed and validated options."""
     options = parser.parse_args(arguments)
     if options.episodes < 2:
         parser.error(f'--episodes is {options.episodes}; expected at least 2')
@@ -54,7 +57,7 @@ def parsed(parser: argparse.ArgumentParser, arguments: list[str] | None) -> argp
 
 
 def print_selection(selection: Selection, scenario: str) -> None:
-    """Print the ranking with its evidence, and what to think of it."""
+    """Print the ranking with its evidence, a legend, and how right it is."""
     print(f'\n{ranking_text(selection)}\n')
     print(READING.format(margin=selection.margin))
     relevant = RELEVANT[scenario]
@@ -69,7 +72,7 @@ def print_selection(selection: Selection, scenario: str) -> None:
 
 
 def save_picture(selection: Selection, scenario: str, path: Path) -> None:
-    """Save the ranking as a picture, with what matters in this world in bold."""
+    """Save the ranking as a picture; sensors that matter in this world are bold."""
     figure = draw_ranking(selection)
     (axes,) = figure.axes
     for label in axes.get_yticklabels():

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""The library at work on a simulated robot, without ROS: episodes, selection, ranking, picture."""
+"""A demonstration of the library without ROS: a simulated robot, a selection, a picture."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from .demo_report import demo_parser, parsed, print_selection, save_picture
 from .program import exit_code
 
 NEXT = """\
-your own robot next, from a bag (docs/robot_file.md) or another recording
+next, your own robot, from a bag (docs/robot_file.md) or another recording
 (docs/recordings.md):
   cmifs robot-file --bag my_bag --out my_robot.yaml
-  (say in my_robot.yaml what the reward is)
+  (define the reward in my_robot.yaml)
   cmifs select my_bag --robot my_robot.yaml --report page"""
 
 

@@ -47,29 +47,29 @@ def make_robot_file(*arguments) -> int:
 
 
 def select_from_bag(*arguments) -> int:
-    """Select from recordings: bags, tables, HDF5, data sets of robot learning."""
+    """Select from recordings: bags, tables, HDF5, robot learning data sets."""
     _limit_threads()
     return start('cmifs_ros.tools.select_from_bag', *arguments)
 
 
 def library_demo(*arguments) -> int:
-    """See a selection on a simulated robot, without ROS."""
+    """Run a demonstration on a simulated robot, without ROS."""
     _limit_threads()
     return start('cmifs_ros.tools.library_demo', *arguments)
 
 
 def watch(*arguments) -> int:
-    """Watch a selector at work, where ROS 2 is."""
+    """Show a running selector (needs ROS 2)."""
     return start('cmifs_ros.tools.watch', *arguments)
 
 
 def _limit_threads() -> None:
-    """Have BLAS use one: matrices are small, and on busy cores threads wait for each other."""
+    """Limit BLAS to one thread: for small matrices, threads only wait for each other."""
     for library in ('OPENBLAS', 'MKL', 'OMP', 'BLIS'):
         os.environ.setdefault(f'{library}_NUM_THREADS', '1')
 
 
-#: What follows `cmifs` on the command line.
+#: The commands of `cmifs`.
 COMMANDS: dict[str, Callable[..., int]] = {
     'select': select_from_bag,
     'robot-file': make_robot_file,
@@ -84,7 +84,7 @@ def cmifs() -> int:
     parser = argparse.ArgumentParser(
         'cmifs', usage='cmifs COMMAND ...', formatter_class=argparse.RawDescriptionHelpFormatter,
         description='Which sensors does a robot need, and what would each cost?\n\n'
-        f'commands:\n{commands}\n\n`cmifs COMMAND --help` tells the options of a command.',
+        f'commands:\n{commands}\n\n`cmifs COMMAND --help` lists the options of a command.',
     )  # fmt: skip
     parser.add_argument('command', nargs='?', choices=COMMANDS, help=argparse.SUPPRESS)
     parser.add_argument('arguments', nargs=argparse.REMAINDER, help=argparse.SUPPRESS)

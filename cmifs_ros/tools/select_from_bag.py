@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""Select from recordings: bags, tables (Parquet, CSV), HDF5, and data sets of robot learning."""
+"""Select from recordings: bags, tables (Parquet, CSV), HDF5, and robot learning data sets."""
 
 from __future__ import annotations
 
@@ -165,7 +165,7 @@ def _read(
             print(f'  dropped {count}: {cause}')
         if one.unreadable:
             unreadable = [f'{name} ({why})' for name, why in one.unreadable.items()]
-            print(f'  cannot be read: {first(unreadable)}')
+            print(f'  cannot be decoded: {first(unreadable)}')
     return recorded
 
 
@@ -282,7 +282,7 @@ def _topics(recordings: list[RecordedEpisodes], robot: RobotFile | None) -> Sens
 
 
 def _record_arguments(advice: Advice, robot: RobotFile) -> str:
-    """Return what `ros2 bag record` takes to record all but the topics that can go."""
+    """Return arguments of `ros2 bag record` for all topics except those that can go."""
     gone = {item.name for item in advice.can_go}
     topics = [topic for topic in robot.topics if topic not in gone]
     hidden = ['--include-hidden-topics'] if any('/_' in topic for topic in topics) else []

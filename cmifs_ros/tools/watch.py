@@ -131,7 +131,7 @@ def main(arguments: list[str] | None = None, program: str = 'watch') -> int:
     """Watch; return the exit code."""
     parser = argparse.ArgumentParser(
         program,
-        description=f'{__doc__} Ctrl-C ends it. Where the output is no terminal it is shown once.',
+        description=f'{__doc__} Ctrl-C ends it. Without a terminal, it is printed once.',
         allow_abbrev=False,
     )
     parser.add_argument('--namespace', default='/', help='namespace of the selector (default /)')
@@ -147,7 +147,7 @@ def main(arguments: list[str] | None = None, program: str = 'watch') -> int:
         return code
     except InvalidNamespaceException:
         print(
-            f'{program}: --namespace is {options.namespace!r}; expected a name as in /robot1',
+            f'{program}: --namespace is {options.namespace!r}; expected a name such as /robot1',
             file=sys.stderr,
         )
         return 2

@@ -486,7 +486,7 @@ def test_what_to_do_with_a_robot_file_is_told(tmp_path, monkeypatch, capsys, fou
     monkeypatch.setenv('PATH', str(tmp_path / 'bin'))
     out = tmp_path / 'new.yaml'
     assert make_robot_file(['--bag', str(tmp_path / 'bag'), '--out', str(out)]) == 0
-    assert f', then: {then} {tmp_path / "bag"} --robot {out}\n' in capsys.readouterr().out
+    assert f', then run: {then} {tmp_path / "bag"} --robot {out}\n' in capsys.readouterr().out
 
 
 def test_a_robot_file_is_not_written_over_another(tmp_path, robot, capsys):
