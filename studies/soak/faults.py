@@ -90,7 +90,7 @@ class Faults(Part):
         for _ in range(times):
             process = Process.selector(
                 self.folder, selection_period=1.0, num_features=1, min_episodes=2,
-                max_episodes=100_000, episodes_path=str(path),
+                max_episodes=100_000, episodes_path=str(path), forget_outdated=False,
             )  # fmt: skip
             with robot_and(process) as robot:
                 robot.number = number
@@ -149,7 +149,8 @@ class Faults(Part):
         """Send messages of the right type and arbitrary content."""
         total = self.count(100_000)
         rng = np.random.default_rng(0)
-        with robot_and(Process.selector(self.folder, selection_period=0.5)) as robot:
+        process = Process.selector(self.folder, selection_period=0.5, forget_outdated=False)
+        with robot_and(process) as robot:
             robot.wait_for('selected_state')
             for _ in range(total // 2):
                 robot.states.publish(random_state(rng))

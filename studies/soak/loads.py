@@ -140,8 +140,9 @@ class Loads(Part):
         total = self.count(1_000_000)
         path = self.folder / 'million'
         process = Process.selector(
-            self.folder, selection_period=5.0, num_features=1, episodes_path=str(path)
-        )
+            self.folder, selection_period=5.0, num_features=1, episodes_path=str(path),
+            forget_outdated=False,
+        )  # fmt: skip
         with robot_and(process, listens=False) as robot:
             robot.wait_for('selected_state')
             sizes, slowest = [], 0.0
