@@ -3,8 +3,9 @@
 """The expressions of a robot file: arithmetic over named values, without `eval`.
 
 Only the syntax listed here is accepted; the rest of Python is refused when the file is read. All
-numbers are floats, so none exceeds 8 bytes. NaN means unknown. It propagates, also through
-comparisons, unless the other operands decide the result, as in `nan or 1`.
+values are floats, so none exceeds 8 bytes. A text is one value for each word that it is compared
+with, such as `status.delivered`: 1 if the text is that word, else 0. NaN means unknown. It
+propagates, also through comparisons, unless the other operands decide the result, as in `nan or 1`.
 """
 
 from __future__ import annotations
@@ -53,7 +54,8 @@ class Expression:
     """A parsed expression.
 
     It may contain numbers, names, `+ - * / **`, comparisons, `and`, `or`, `not`, the functions abs,
-    sqrt, exp, hypot, min, max, and `before(name)`, the value at the previous step.
+    sqrt, exp, hypot, min, max, and `before(name)`, the value at the previous step. A text is
+    compared with a word in quotes, by `==` or `!=`.
 
     Parameters
     ----------
@@ -61,8 +63,10 @@ class Expression:
 
     Attributes
     ----------
-    names : frozenset of str
-        The values it needs, including those in `before`.
+    numbers : frozenset of str
+        The values it needs as numbers, including those in `before`.
+    words : dict of str to set of str
+        The words that each text is compared with.
 
     Raises
     ------
@@ -82,11 +86,17 @@ class Expression:
             ) from None
         if sum(1 for _ in ast.walk(tree)) > MAX_NODES:
             raise ValueError(f'an expression of more than {MAX_NODES} parts; split it')
-        names: set[str] = set()
-        _check(tree, names)
+        numbers: set[str] = set()
+        self.words: dict[str, set[str]] = {}
+        _check(tree, numbers, self.words)
         self.text = text
-        self.names = frozenset(names)
+        self.numbers = frozenset(numbers)
         self._tree = tree
+
+    @property
+    def names(self) -> frozenset[str]:
+        """All that it needs, numbers and texts."""
+        return self.numbers | self.words.keys()
 
     def __call__(self, values: Mapping[str, float], before: Mapping[str, float]) -> float:
         """Return its value; NaN if undefined, such as 1 / 0."""
@@ -96,39 +106,65 @@ class Expression:
             return math.nan
 
 
-def _check(node: ast.expr, names: set[str]) -> None:  # noqa: PLR0912
+def _check(node: ast.expr, numbers: set[str], words: dict[str, set[str]]) -> None:  # noqa: PLR0912
+    parts: list[ast.expr] = []
     match node:
         case ast.Constant(value=int() | float() as number):
             if abs(number) > 1e300:
                 raise ValueError('a number in an expression is beyond 1e300')
         case ast.Name():
-            names.add(node.id)
+            numbers.add(node.id)
         case ast.BinOp() if type(node.op) in _BINARY:
             if isinstance(node.op, ast.Pow):
                 _check_power(node.right)
-            _check(node.left, names)
-            _check(node.right, names)
+            parts = [node.left, node.right]
         case ast.UnaryOp() if type(node.op) in _UNARY:
-            _check(node.operand, names)
+            parts = [node.operand]
         case ast.BoolOp():
-            for value in node.values:
-                _check(value, names)
+            parts = node.values
+        case ast.Compare() if found := _compared_text(node):
+            name, word = found
+            words.setdefault(_name_of(name), set()).add(word)
         case ast.Compare() if all(type(op) in _COMPARE for op in node.ops):
-            for value in (node.left, *node.comparators):
-                _check(value, names)
+            parts = [node.left, *node.comparators]
         case ast.Call(func=ast.Name(id='before'), args=[ast.Name(id=name)], keywords=[]):
-            names.add(name)
+            numbers.add(name)
         case ast.Call(func=ast.Name(id=name), args=arguments, keywords=[]) if (
             name in FUNCTIONS and len(arguments) == FUNCTIONS[name][1]
         ):
-            for argument in arguments:
-                _check(argument, names)
+            parts = arguments
+        case ast.Constant(value=str() as text):
+            raise ValueError(
+                f'the text {text[:40]!r}; expected a comparison by == or !=, as in '
+                "status == 'delivered'"
+            )
         case _:
             raise ValueError(
                 f'{ast.unparse(node)[:60]!r} is not allowed in an expression; expected '
                 f'numbers, names, + - * / **, comparisons, and, or, not, before(name), '
                 f'{", ".join(FUNCTIONS)}'
             )
+    for part in parts:
+        _check(part, numbers, words)
+
+
+def _compared_text(node: ast.Compare) -> tuple[ast.expr, str] | None:
+    """Return a name, or `before(name)`, and the word that it is compared with, if it is so."""
+    if len(node.ops) > 1 or not isinstance(node.ops[0], (ast.Eq, ast.NotEq)):
+        return None
+    for name, word in ((node.left, node.comparators[0]), (node.comparators[0], node.left)):
+        if _name_of(name) and isinstance(word, ast.Constant) and isinstance(word.value, str):
+            return name, word.value
+    return None
+
+
+def _name_of(node: ast.expr) -> str:
+    match node:
+        case ast.Name(id=name):
+            return name
+        case ast.Call(func=ast.Name(id='before'), args=[ast.Name(id=name)], keywords=[]):
+            return name
+    return ''
 
 
 def _check_power(node: ast.expr) -> None:
@@ -163,6 +199,11 @@ def _value(node: ast.expr, values: Mapping, before: Mapping):  # noqa: PLR0911
             if decides in known:
                 return decides
             return not decides if len(known) == len(parts) else math.nan
+        case ast.Compare() if found := _compared_text(node):
+            name, word = found
+            of = values if isinstance(name, ast.Name) else before
+            is_word = of[f'{_name_of(name)}.{word}']
+            return _UNARY[ast.Not](is_word) if isinstance(node.ops[0], ast.NotEq) else is_word
         case ast.Compare():
             sides = [_value(side, values, before) for side in (node.left, *node.comparators)]
             if any(map(math.isnan, sides)):

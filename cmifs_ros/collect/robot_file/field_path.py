@@ -202,7 +202,10 @@ def described(value) -> str:
 
 def _remedy(value) -> str:
     if isinstance(value, str):
-        return 'a number; if it is one of a few words, use `one_hot: [word, word]`'
+        return (
+            'a number; if it is one of a few words, use `one_hot: [word, word]` in a channel, or '
+            f'compare a value in reward and episode: status == {value[:20] or "done"!r}'
+        )
     if hasattr(value, '__len__'):
         return f'[0] for one entry, [0:{len(value)}] for all, or {{name}} of a JointState'
     return 'a number: name a field of it'

@@ -52,6 +52,9 @@ class Source:
         `CHANNEL`, `VALUE` (for the reward and ends only), or `ACTION`.
     over : tuple of str
         Which of `SUMMARIES` of the messages between two steps; empty: the newest message.
+    words : tuple of str
+        The words that the reward and ends compare this text with; empty if it is not a text.
+        Its value for each word is 1 if it is the word, else 0.
 
     """
 
@@ -63,11 +66,12 @@ class Source:
     one_hot: tuple[str, ...] = ()
     role: str = CHANNEL
     over: tuple[str, ...] = ()
+    words: tuple[str, ...] = ()
 
     @property
     def names(self) -> tuple[str, ...]:
         """Names of its channels, such as `yaw.sin`, `scan[30]`, `shake.rms`, or its own name."""
-        parts = ('sin', 'cos') if self.is_yaw else self.one_hot
+        parts = ('sin', 'cos') if self.is_yaw else self.one_hot or self.words
         if len(self.over) > 1:
             parts = self.over
         suffixes = tuple(f'.{part}' for part in parts) or self.path.suffixes
@@ -88,6 +92,8 @@ class Source:
             return [part for q in self.path.values_in(message) for part in self._yaw(q)]
         if self.one_hot:
             return [part for kind in self.path.values_in(message) for part in self._one_hot(kind)]
+        if self.words:
+            return [part for text in self.path.values_in(message) for part in self._words(text)]
         values = self.path.numbers_in(message)
         if self.inf is not None:
             instead = FieldPath(self.path.topic, (self.inf,)).numbers_in(message)[0]
@@ -102,6 +108,14 @@ class Source:
                 f'{self.path} is {kind[:40]!r}; expected one of {first(self.one_hot)} (one_hot)'
             )
         return [float(kind == one) for one in self.one_hot]
+
+    def _words(self, value) -> list[float]:
+        if not isinstance(value, str):
+            raise MissingFieldError(
+                f'{self.path} is {described(value)}; expected a text, as {self.name} is compared '
+                f'with {self.words[0]!r}'
+            )
+        return [float(value == word) for word in self.words]
 
     def _yaw(self, q) -> tuple[float, float]:
         if not all(hasattr(q, part) for part in 'wxyz'):

@@ -74,7 +74,8 @@ class SourceReader(Nodes):
             self.note(
                 node,
                 f'{name} has one_hot; expected a channel of a single value, without as and inf. '
-                'In reward and episode, compare the number: name == 2',
+                f'Under values leave out one_hot: reward and episode compare {name} == 2, or '
+                f"{name} == 'done' if it is a text",
             )
             return None
         over = self._over(parts['over'], name) if 'over' in parts else ()

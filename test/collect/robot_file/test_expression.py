@@ -43,6 +43,39 @@ def test_what_is_not_known_stays_so_unless_the_rest_decides(text, expected):
 
 
 @pytest.mark.parametrize(
+    ('text', 'now', 'before', 'expected'),
+    [
+        ("status == 'done'", 'done', 'idle', 1),
+        ("status == 'done'", 'failed', 'done', 0),
+        ("status != 'done'", 'failed', 'done', 1),
+        ("'done' == before(status)", 'failed', 'done', 1),
+        ("10 * (status == 'done') - 3 * (before(status) != 'done')", 'done', 'idle', 7),
+        ("status == 'done' and before(status) != 'done'", 'done', 'idle', 1),
+        ("status == 'done'", None, 'done', None),
+        ("status != 'done'", None, 'done', None),
+    ],
+)  # fmt: skip
+def test_a_text_is_compared_with_a_word(text, now, before, expected):
+    expression = Expression(text)
+    assert (set(expression.names), set(expression.numbers)) == ({'status'}, set())
+    words = expression.words['status']
+    now, before = (
+        {f'status.{word}': nan if said is None else float(said == word) for word in words}
+        for said in (now, before)
+    )
+    value = expression(now, before)
+    assert isnan(value) if expected is None else value == expected
+
+
+@pytest.mark.parametrize(
+    'text', ["'done'", "status < 'done'", "status == 'a' == 1", "'a' == 'b'", "abs('a')", "d + 'a'"]
+)
+def test_a_text_is_not_calculated_with(text):
+    with pytest.raises(ValueError, match=r'the text .*; expected a comparison by == or !='):
+        Expression(text)
+
+
+@pytest.mark.parametrize(
     'text',
     ['9**9**9', '2 ** d', '().__class__', '__import__("os")', '"a" * 9', 'd[0]', 'open(d)',
      'lambda: 1', '[d for d in d]', '(' * 500, '-' * 900 + '1', '+'.join('d' * 400), '',

@@ -114,6 +114,43 @@ def test_kinds_that_cannot_be_are_refused(source, said):
         parse_robot_file(WHOLE.replace('channels:\n', f'channels:\n  k: {{{source}}}\n'))
 
 
+TASK = """
+step: {rate: 10}
+channels: {x: /odom.x, mode: {path: /mode.data, one_hot: [idle, up]}, scan: "/scan.ranges[2:5]"}
+values: {status: /task/status.data}
+reward: "%s"
+episode: {terminated: "%s"}
+"""
+
+
+def test_a_value_that_is_a_text_has_a_value_for_each_word_it_is_compared_with():
+    robot = parse_robot_file(TASK % ("status == 'done'", "status != 'going' or mode == 'up'"))
+    status = robot.sources[-1]
+    assert status.names == ('status.done', 'status.going')
+    assert status.readings(Message(data='going')) == [0, 1]
+    assert status.readings(Message(data='Going')) == [0, 0]
+    assert robot.channel_names == ('x', 'mode.idle', 'mode.up', 'scan[2]', 'scan[3]', 'scan[4]')
+    with pytest.raises(MissingFieldError, match=r'/task/status\.data is a number; expected a text'):
+        status.readings(Message(data=3))
+
+
+@pytest.mark.parametrize(
+    ('reward', 'end', 'said'),
+    [
+        ("status == 'a'", 'status', "line 4: status is compared with 'a' and used as a number"),
+        ("x == 'a'", '1', "line 5: reward compares x with 'a'; expected a text defined under"),
+        ('1', "mode == 'down'", "compares mode with 'down'; expected one of its one_hot: idle, up"),
+        ('1', "spam == 'a'", "line 6: episode.terminated compares spam with 'a'; expected a text"),
+        ('mode', '1', "numbers (of its categories: mode == 'idle')"),
+        ('scan', '1', 'for one entry of an array, add under values: scan_0: "/scan.ranges[2]"'),
+    ],
+)
+def test_texts_and_numbers_are_not_mixed_up(reward, end, said):
+    with pytest.raises(RobotFileError, match=re.escape(said)) as error:
+        parse_robot_file(TASK % (reward, end))
+    assert str(error.value).count('line') == 1
+
+
 @pytest.mark.parametrize('name', ['step', 'succeeded', 'aborted', 'canceled', 'before', 'min'])
 @pytest.mark.parametrize('section', ['channels', 'values'])
 def test_our_own_words_are_no_names(name, section):

@@ -72,6 +72,22 @@ episode: {terminated: "%s"}
 """
 
 
+def test_a_text_ends_episodes_and_enters_the_reward():
+    text = (TASKS % "status == 'done' or status == 'failed'").replace(
+        'reward: used - before(used)', "reward: 10 * (status == 'done') - 1"
+    )
+    sampler, steps = Sampler(parse_robot_file(text)), []
+    said = ['going', 'going', 'done', 'going', 'going', 'failed', 'going']
+    for i, word in enumerate(said):
+        for topic, value in (('/status', word), ('/used', i)):
+            steps += sampler.add(topic, Message(data=value), i * SECOND // 2)
+    steps += sampler.flush()
+    assert [(s.sample.reward, s.sample.terminated) for s in steps] == [
+        (-1, False), (9, True), (-1, False), (-1, True),
+    ]  # fmt: skip
+    assert not sampler.wrong
+
+
 def both(*parts):
     return False if False in parts else None if None in parts else True
 
