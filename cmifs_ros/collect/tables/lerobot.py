@@ -146,7 +146,9 @@ class _Columns:
 
     def _size(self, name: str, lists) -> int:
         """Return the number of values in each row of a column."""
-        sizes = np.array([-1 if row is None else len(row) for row in lists])
+        from pyarrow import compute
+
+        sizes = compute.list_value_length(lists).fill_null(-1).to_numpy()
         wrong = np.flatnonzero(sizes != sizes[0]) if len(sizes) else []
         if len(wrong):
             row, size = wrong[0], sizes[wrong[0]]
