@@ -16,6 +16,7 @@ from cmifs_ros.collect.robot_file import RobotFile
 from cmifs_ros.collect.sampled_episodes import MAX_EPISODE_STEPS, Collector, SampledEpisodes
 from cmifs_ros.collect.sampling.bag_reader import (
     BagError,
+    OpenBag,
     Undecoded,
     messages_of,
     open_bag,
@@ -35,6 +36,7 @@ def episodes_of_bag(
     path: str | Path,
     robot: RobotFile | None = None,
     watch: Callable[[Iterable, int], Iterable] = unwatched,
+    open_bag: OpenBag = open_bag,
 ) -> RecordedEpisodes:
     """Return the complete episodes of a bag.
 
@@ -51,6 +53,8 @@ def episodes_of_bag(
         one namespace or in none.
     watch : callable, optional
         Wraps the iterable of messages, given their number, to display progress.
+    open_bag : callable, optional
+        Opens the bag, in place of rosbags.
 
     Raises
     ------

@@ -14,7 +14,7 @@ from .bag import episodes_of_bag
 from .recorded_episodes import RecordedEpisodes, RecordingError
 from .robot_file import RobotFile
 from .sampled_episodes import SampledEpisodes
-from .sampling.bag_reader import unwatched
+from .sampling.bag_reader import OpenBag, open_bag, unwatched
 from .sampling.event_order import SECOND
 from .tables import arrow, hdf5, lerobot
 from .tables.table import Table
@@ -54,6 +54,7 @@ def episodes_of_recording(
     source: str | Path | object,
     robot: RobotFile | None = None,
     watch: Callable[[Iterable, int], Iterable] = unwatched,
+    open_bag: OpenBag = open_bag,
 ) -> RecordedEpisodes:
     """Return the complete episodes of a recording.
 
@@ -68,6 +69,8 @@ def episodes_of_recording(
         robomimic or D4RL. For bags see `episodes_of_bag`.
     watch : callable, optional
         Wraps the iterable of messages, given their number, to display progress.
+    open_bag : callable, optional
+        Opens bags, in place of rosbags.
 
     Raises
     ------
@@ -83,7 +86,7 @@ def episodes_of_recording(
     if not path.exists():
         raise RecordingError(f'{path} does not exist; {_EXPECTED}')
     if _is_bag(path):
-        return episodes_of_bag(path, robot, watch)
+        return episodes_of_bag(path, robot, watch, open_bag)
     if path.is_file() and path.suffix in hdf5.SUFFIXES:
         with hdf5.opened(path) as file:
             if robot is None:

@@ -13,6 +13,7 @@ from cmifs_ros.collect.bag import BagError
 from cmifs_ros.collect.robot_file.template import robot_file_of_bag, robot_file_of_topics
 
 from .arguments import file_to_write, home_path, number_from
+from .bags import bag_opener
 from .program import CommandError, exit_code
 
 
@@ -71,7 +72,7 @@ def _read(bag: Path) -> str:
     def watch(messages, total):
         return tqdm(messages, total=total, unit=' messages', disable=None, leave=False)
 
-    return robot_file_of_bag(bag, watch)
+    return robot_file_of_bag(bag, watch, bag_opener())
 
 
 def _listen(seconds: int) -> str:

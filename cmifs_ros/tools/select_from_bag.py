@@ -32,6 +32,7 @@ from cmifs_ros.core.targets import ACTION, RETURN, TARGETS
 from cmifs_ros.core.words import counted, first
 
 from .arguments import between, file_to_write, folder_to_write, home_path, number_from
+from .bags import bag_opener
 from .program import CommandError, exit_code
 
 
@@ -147,12 +148,13 @@ def _read(
         def watch(messages, total):
             return tqdm(messages, total=total, unit=' messages', disable=None, leave=False)
 
-        found = (episodes_of_recording(path, robot, watch) for path in paths)
+        found = (episodes_of_recording(path, robot, watch, bag_opener()) for path in paths)
     else:
         from joblib import Parallel, delayed
 
         read = Parallel(options.jobs, return_as='generator')(
-            delayed(episodes_of_recording)(path.absolute(), robot) for path in paths
+            delayed(episodes_of_recording)(path.absolute(), robot, open_bag=bag_opener())
+            for path in paths
         )
         found = tqdm(read, total=len(paths), unit=' recordings', disable=None, leave=False)
     recorded = []

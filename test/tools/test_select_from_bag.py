@@ -315,7 +315,7 @@ def changed(path, change):
         again, version=9, storage_plugin=StoragePlugin.MCAP
     ) as writer:  # fmt: skip
         topics = {
-            c.topic: writer.add_connection(c.topic, c.msgtype, typestore=reader.typestore)
+            c.topic: writer.add_connection(c.topic, c.msgtype, typestore=reader.types.store)
             for c in reader.connections
         }
         for connection, time, data in reader.messages(reader.topics):

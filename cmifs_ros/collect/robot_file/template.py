@@ -17,12 +17,18 @@ from collections.abc import Callable, Iterable
 from itertools import groupby
 from pathlib import Path
 
-from cmifs_ros.collect.sampling.bag_reader import Undecoded, messages_of, open_bag, unwatched
+from cmifs_ros.collect.sampling.bag_reader import (
+    OpenBag,
+    Undecoded,
+    messages_of,
+    open_bag,
+    unwatched,
+)
 from cmifs_ros.core.words import counted
 
 from .field_path import FieldPath
 from .model import RESERVED_NAMES, STATUS
-from .observed_fields import BYTES, MAX_FIELDS, ObservedField, ObservedTopic, TypeField
+from .observed_fields import MAX_FIELDS, ObservedField, ObservedTopic
 from .own_topics import own_topics
 
 #: About how many messages of a bag's topic are read, evenly spaced. Of messages up to this size,
@@ -39,7 +45,9 @@ _OF_ROS = ('/rosout', '/parameter_events', '/clock')
 
 
 def robot_file_of_bag(
-    path: str | Path, watch: Callable[[Iterable, int], Iterable] = unwatched
+    path: str | Path,
+    watch: Callable[[Iterable, int], Iterable] = unwatched,
+    open_bag: OpenBag = open_bag,
 ) -> str:
     """Return the text of a robot file with all channels of a bag.
 
@@ -49,7 +57,7 @@ def robot_file_of_bag(
     ----------
     path : path
         A file or a folder.
-    watch : callable, optional
+    watch, open_bag : callable, optional
         As in `episodes_of_bag`.
 
     Raises
@@ -59,13 +67,8 @@ def robot_file_of_bag(
 
     """
     with open_bag(path) as reader:
-        definitions = reader.typestore.fielddefs
-
-        def fields_of(kind: str) -> list[TypeField]:
-            return [TypeField(name, _what(node)) for name, node in definitions[kind][1]]
-
         heard = {
-            topic: ObservedTopic(topic, info.msgtype, fields_of, info.msgcount)
+            topic: ObservedTopic(topic, info.msgtype, reader.types.fields_of, info.msgcount)
             for topic, info in reader.topics.items()
         }
         topics = {topic for topic in heard if is_of_robot(topic)}
@@ -100,20 +103,6 @@ class _Choice:
         is_chosen = is_in_turn or heard.trace.is_open
         heard.num_unseen += not is_chosen
         return is_chosen
-
-
-def _what(node: tuple) -> str:
-    """Return a field of rosbags as a `TypeField`."""
-    kind, inner = node[0].name, node[1]
-    is_array = kind not in ('BASE', 'NAME')
-    element_kind, element = (inner[0][0].name, inner[0][1]) if is_array else (kind, inner)
-    if element_kind == 'NAME':
-        return f'{element}[]' if is_array else element
-    if element[0] in ('string', 'wstring'):
-        return '' if is_array else 'text'
-    if not is_array:
-        return 'number'
-    return '' if element[0] in BYTES else 'numbers'
 
 
 def robot_file_of_topics(

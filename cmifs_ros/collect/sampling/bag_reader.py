@@ -7,20 +7,20 @@ rosbags and mcap are optional: `pip install 'rosbags>=0.11,<0.12' mcap`.
 
 from __future__ import annotations
 
-import re
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
 from importlib.util import find_spec
 from pathlib import Path, PurePath
 from tempfile import TemporaryDirectory
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import yaml
 
 from cmifs_ros.collect.recorded_episodes import RecordingError
 
 from .mcap_storage import McapStorage
+from .message_types import MessageTypes, RosbagsTypes, shown
 from .storages import (
     CompressedMessages,
     Connection,
@@ -32,10 +32,6 @@ from .storages import (
 #: rclpy's serialize_message may append this many bytes, which the middleware ignores.
 _MAX_SURPLUS = 16
 _MEND = 'repair a truncated bag with `mcap recover` (MCAP) or `ros2 bag reindex`'
-#: Supported serialisation formats.
-_DECODED = ('cdr', 'ros1')
-#: Separator of the types in a definition.
-_IDL = re.compile(r'(?m)^=+\nIDL: .*\n')
 _STORAGES: dict[str, Callable[[Path], Storage]] = {
     '.mcap': McapStorage,
     '.db3': SqliteStorage,
@@ -76,14 +72,13 @@ class BagReader:
         Time from the first to the last message, in nanoseconds.
     unreadable : dict of str to str
         By topic, why its messages cannot be decoded. The other topics remain readable.
-    typestore
-        The message types, in the form of rosbags.
+    types : MessageTypes
     num_messages, num_bytes : dict of str to int
         Numbers of messages and bytes read, by topic.
 
     """
 
-    def __init__(self, storages: list[Storage]):
+    def __init__(self, storages: list[Storage], types: Callable[[list[Connection]], MessageTypes]):
         self._storages = storages
         found: dict[str, list[Connection]] = {}
         for storage in storages:
@@ -95,7 +90,8 @@ class BagReader:
         }
         times = [time for storage in storages for time in storage.times]
         self.duration = max(times, default=0) - min(times, default=0)
-        self.typestore, self.unreadable = _typestore(self.connections)
+        self.types = types(self.connections)
+        self.unreadable = self.types.unreadable
         self.num_messages, self.num_bytes = Counter[str](), Counter[str]()
 
     @property
@@ -112,35 +108,56 @@ class BagReader:
                 self.num_bytes[connection.topic] += len(data)
                 yield connection, recorded, data
 
-    def decode(self, connection: Connection, data: bytes) -> object:
-        """Decode a message; pass on any exception of its decoder."""
-        if connection.serialization == 'ros1':
-            return self.typestore.deserialize_ros1(data, connection.msgtype)
-        return self.typestore.deserialize_cdr(data, connection.msgtype)
+
+def has_rosbags() -> bool:
+    """Return whether the packages that `open_bag` needs are installed."""
+    return all(find_spec(package) is not None for package in ('rosbags', 'mcap'))
+
+
+#: Opens a bag, as `open_bag` does.
+OpenBag = Callable[[str | Path], AbstractContextManager[BagReader]]
+
+
+def open_bag(path: str | Path) -> AbstractContextManager[BagReader]:
+    """Open a bag, a file or a folder, by rosbags; raise BagError if it cannot be opened."""
+    if not has_rosbags():
+        raise BagError("bags need rosbags and mcap: pip install 'rosbags>=0.11,<0.12' mcap")
+    return opened(path, storages_of, RosbagsTypes)
 
 
 @contextmanager
-def open_bag(path: str | Path) -> Iterator[BagReader]:
-    """Open a bag, a file or a folder; raise BagError if it cannot be opened."""
-    if any(find_spec(package) is None for package in ('rosbags', 'mcap')):
-        raise BagError("bags need rosbags and mcap: pip install 'rosbags>=0.11,<0.12' mcap")
+def opened(
+    path: str | Path,
+    storages: Callable[[Path, ExitStack], list[Storage]],
+    types: Callable[[list[Connection]], MessageTypes],
+) -> Iterator[BagReader]:
+    """Open a bag with given readers of files and messages; raise BagError if that fails.
+
+    Parameters
+    ----------
+    path : path
+    storages : callable
+        As `storages_of`.
+    types : callable
+        Returns the message types of the given topics.
+
+    """
     path = Path(path)
     if not path.exists():
         raise BagError(f'{path} does not exist; expected a bag, a file or a folder')
     with ExitStack() as stack:
         try:
-            storages = _storages(path, stack)
-            reader = BagReader(storages)
+            reader = BagReader(storages(path, stack), types)
         except Exception as error:  # Invalid files make the readers raise almost anything.
             raise BagError(
-                f'{path} cannot be read as a bag: {_shown(error)}; expected a folder with its '
+                f'{path} cannot be read as a bag: {shown(error)}; expected a folder with its '
                 f'metadata.yaml, or a file .mcap, .db3 or .bag; {_MEND}'
             ) from error
         yield reader
 
 
-def _storages(path: Path, stack: ExitStack) -> list[Storage]:
-    """Open the files of a bag, in order."""
+def storages_of(path: Path, stack: ExitStack) -> list[Storage]:
+    """Open the files of a bag, in order; the stack closes them."""
     if path.is_file():
         return [_opened(path, stack)]
     about = yaml.safe_load((path / 'metadata.yaml').read_text())['rosbag2_bagfile_information']
@@ -169,42 +186,6 @@ def _decompressed(file: Path, folder: Path) -> Path:
     return folder / file.stem
 
 
-def _typestore(connections: Iterable[Connection]) -> tuple[Any, dict[str, str]]:
-    """Return the types of a bag, and by topic why messages cannot be decoded."""
-    from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
-
-    jazzy = get_typestore(Stores.ROS2_JAZZY).fielddefs
-    types: dict = {}
-    causes: dict[str, str] = {}
-    for connection in connections:
-        kind, encoding, text = connection.msgtype, connection.encoding, connection.definition
-        if connection.serialization not in _DECODED:
-            causes[connection.topic] = (
-                f'its messages are {connection.serialization or "in an unknown format"}; '
-                f'expected {" or ".join(_DECODED)}'
-            )
-        elif kind in types:
-            continue
-        elif not text.strip():  # Files before Iron have none; it is empty for an empty message.
-            if kind not in jazzy:
-                causes[connection.topic] = f'the bag does not define its type {kind or "at all"}'
-        else:
-            try:
-                if encoding == 'ros2msg':
-                    found = get_types_from_msg(text, kind)
-                else:
-                    found = {}
-                    for part in _IDL.split(text):
-                        found |= get_types_from_idl(part) if part.strip() else {}
-                get_typestore(Stores.EMPTY).register(found)
-                types |= found
-            except Exception as error:  # Invalid texts make the parsers raise almost anything.
-                causes[connection.topic] = f'its type {kind} cannot be read: {_shown(error)}'
-    typestore = get_typestore(Stores.EMPTY)
-    typestore.register({**jazzy, **types})
-    return typestore, causes
-
-
 def messages_of(
     reader: BagReader,
     path: str | Path,
@@ -221,21 +202,17 @@ def messages_of(
             message = _decoded(reader, connection, data) if is_read else Undecoded(None)
             yield connection.topic, message, recorded
     except Exception as error:  # Exceptions raised by the consumer do not pass here.
-        raise BagError(f'{path} ends early: {_shown(error)}; {_MEND}') from error
+        raise BagError(f'{path} ends early: {shown(error)}; {_MEND}') from error
 
 
 def _decoded(reader: BagReader, connection: Connection, data: bytes) -> object:
     if connection.topic in reader.unreadable:
         return Undecoded(reader.unreadable[connection.topic])
     try:
-        return reader.decode(connection, data)
+        return reader.types.decode(connection, data)
     except Exception as error:  # Invalid bytes make the decoders raise almost anything.
-        cause = f'{connection.msgtype} cannot be decoded: {_shown(error)}'
+        cause = f'{connection.msgtype} cannot be decoded: {shown(error)}'
     for surplus in range(4, _MAX_SURPLUS + 1, 4):  # Up to 3 further bytes are ignored.
         with suppress(Exception):
-            return reader.decode(connection, data[:-surplus])
+            return reader.types.decode(connection, data[:-surplus])
     return Undecoded(cause)
-
-
-def _shown(error: Exception) -> str:
-    return f'{type(error).__name__}: {" ".join(str(error).split())[:300]}'
