@@ -2,9 +2,9 @@
 
 """How soon the selection is right again after the task has changed.
 
-A hundred episodes of one task are followed by those of another. Every so often a selection is made
-from the newest hundred, once as they are and once with the outdated ones forgotten; and once from
-the new ones alone, as one who knows the moment would.
+A hundred episodes of one task are followed by episodes of another. At intervals, selections are
+made from the newest hundred, from these without the outdated ones, and from the new ones alone, as
+if the moment of the change were known.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ NEW_EPISODES = (0, 20, 40, 60, 80, 100)
 
 
 def moved(episodes: list[Episode]) -> list[Episode]:
-    """Return episodes of the point robot with its goal, and so its places, 2 units further."""
+    """Return episodes of the point robot with its goal, and so its positions, 2 units further."""
     return [Episode(e.states + 2.0 * (np.arange(e.num_channels) == 0), e.rewards) for e in episodes]
 
 
 class Change(NamedTuple):
-    """The task before, the task from then on, and what is done to its episodes.
+    """The task before and after the change, and a modification of its episodes.
 
-    It is right to select what is relevant and nothing else, but for what tells a little as well.
+    A right selection has the relevant sensors and no others, except for weakly informative ones.
     """
 
     before: str
@@ -55,7 +55,7 @@ CHANGES = {
 
 
 def follow(change: str, seed: int) -> list[tuple[bool, bool, bool, int]]:
-    """Return, for each number of new episodes, which are right, and what was forgotten."""
+    """Return, by number of new episodes, which selections are right and what was forgotten."""
     before, after, alter, tells_a_little = CHANGES[change]
     stream = TASKS[before].rollout(WINDOW, seed)
     stream += alter(TASKS[after].rollout(WINDOW, seed + 1_000_000))
@@ -79,7 +79,7 @@ def follow(change: str, seed: int) -> list[tuple[bool, bool, bool, int]]:
 
 
 def run(options: argparse.Namespace) -> None:
-    """Follow all changes, then print."""
+    """Simulate all changes, then print the table."""
     rows = []
     for change in CHANGES:
         seeds = range(options.first_seed, options.first_seed + options.trials)

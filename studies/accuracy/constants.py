@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""What each constant of the test is worth: power and level with others in its place.
+"""How each constant of the test matters: power and level with other values.
 
-Power is the mean of -log10 p of the sensors that matter, each tested given the others that do;
-level is the share of p-values of at most 0.05 among those that do not, given all that do.
+Power is the mean of -log10 p of the relevant sensors, each tested given the other relevant ones.
+Level is the share of p-values of at most 0.05 of irrelevant sensors, given all relevant ones.
 """
 
 from __future__ import annotations
@@ -29,12 +29,12 @@ from studies.trials.tables import markdown_table
 _GAMMA = 0.95
 _TASKS = ('with_gravel', 'without_gravel', 'point_robot', 'cart_pole', 'chain')
 _NUM_EPISODES = 40
-#: p-values below are as good as this one.
+#: Smaller p-values count as this one.
 _LEAST = 1e-6
 
 
 class Constant(NamedTuple):
-    """A constant of a module of core, and values that it might have instead."""
+    """A constant of a module of core, and alternative values."""
 
     module: str
     name: str
@@ -57,7 +57,7 @@ CONSTANTS = (
 
 
 def outcome(task: str, seed: int) -> tuple[list[float], list[float]]:
-    """Return the p-values of the channels that matter, and of those that do not."""
+    """Return the p-values of the relevant channels, and of the irrelevant ones."""
     of_task = TASKS[task]
     sensors = list(of_task.sensors.values())
     relevant = [c for i in of_task.relevant for c in sensors[i]]
@@ -71,7 +71,7 @@ def outcome(task: str, seed: int) -> tuple[list[float], list[float]]:
 
 @contextmanager
 def changed(constant: Constant, value) -> Iterator[None]:
-    """Set a constant to another value meanwhile."""
+    """Temporarily set a constant to another value."""
     module = importlib.import_module(f'cmifs_ros.core.{constant.module}')
     before = getattr(module, constant.name)
     setattr(module, constant.name, value)
@@ -82,7 +82,7 @@ def changed(constant: Constant, value) -> Iterator[None]:
 
 
 def measured(constant: Constant | None, value, seeds: range) -> tuple[float, float]:
-    """Return the power and the level, with a constant changed or with none."""
+    """Return the power and the level, with one constant changed or none."""
 
     def all_outcomes():
         return [outcome(task, seed) for task in _TASKS for seed in seeds]

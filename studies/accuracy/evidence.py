@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""What the evidence promises and keeps: how often the right sensors are confirmed, and no others.
+"""How often the evidence is right: the right sensors are confirmed, and no others.
 
-Each row asks one question of one task. `shuffled` stands for the same task with the states of
-other episodes, where nothing is relevant.
+Each row of the table asks one question about one task. `shuffled` is the same task with the states
+of other episodes, so that no sensor is relevant.
 """
 
 from __future__ import annotations
@@ -24,23 +24,23 @@ from studies.trials.parallel import finish
 from studies.trials.tables import markdown_table
 from studies.trials.trial import Trial
 
-#: Whether a trial shows what is asked for, or to what share, from the names that were selected, in
-#: their order, those that are relevant, and the others.
+#: Takes the selected names in order, the relevant ones and the others; returns whether a trial
+#: shows what is asked for, or to what share.
 Question = Callable[[list[str], set[str], set[str]], float]
 
 
 def exactly(selected: list[str], relevant: set[str], others: set[str]) -> bool:
-    """All that is relevant and nothing else."""
+    """All relevant sensors and no others."""
     return set(selected) == relevant
 
 
 def are_first(selected: list[str], relevant: set[str], others: set[str]) -> bool:
-    """All that is relevant, before anything else."""
+    """All relevant sensors, before any others."""
     return set(selected[: len(relevant)]) == relevant
 
 
 def all_found(selected: list[str], relevant: set[str], others: set[str]) -> bool:
-    """All that is relevant, whatever else."""
+    """All relevant sensors, and possibly others."""
     return relevant <= set(selected)
 
 
@@ -50,7 +50,7 @@ def one_of_a_pair(selected: list[str], relevant: set[str], others: set[str]) -> 
 
 
 def the_other_of_a_pair(selected: list[str], relevant: set[str], others: set[str]) -> bool:
-    """Either x or its copy, and nothing else."""
+    """Either x or its copy, and no others."""
     return len(selected) == 1 and selected[0] in ('x', 'copy')
 
 
@@ -60,7 +60,7 @@ def anything(selected: list[str], relevant: set[str], others: set[str]) -> bool:
 
 
 def anything_else(selected: list[str], relevant: set[str], others: set[str]) -> bool:
-    """Something that is not relevant."""
+    """Any irrelevant sensor."""
     return bool(set(selected) - relevant)
 
 
@@ -80,7 +80,7 @@ def the_weak_one(selected: list[str], relevant: set[str], others: set[str]) -> b
 
 
 def half_a_pair(selected: list[str], relevant: set[str], others: set[str]) -> bool:
-    """One of two that matter only together."""
+    """One of two sensors that matter only together."""
     return bool(set(selected) & relevant)
 
 
@@ -89,12 +89,12 @@ def share_of_irrelevant(selected: list[str], relevant: set[str], others: set[str
     return len(set(selected) & others) / len(others)
 
 
-#: What tables call ours, whatever is asked of it.
+#: The name of this package's method in tables.
 OURS = ('default', 'automatic', 'automatic_shuffled')
 
 
 class Row(NamedTuple):
-    """A question, with the share of trials that is asked for."""
+    """A question, with the required share of trials."""
 
     task: str
     episodes: int

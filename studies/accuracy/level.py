@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""The level of the test, part by part, in worlds where it easily fails.
+"""The level of the test and its parts, in worlds where a test easily fails.
 
-In each world irrelevant sensors of four kinds are tested given what is relevant, by each part of
-the test and by both: how often is a p-value at most 0.05, and 0.005? And in how many of the
-recordings does the whole procedure confirm anything irrelevant?
+In each world, irrelevant sensors of four kinds are tested given the relevant ones, by each part of
+the test and by both. The tables show how often a p-value is at most 0.05, and 0.005, and in how
+many recordings the whole procedure confirms an irrelevant sensor.
 """
 
 from __future__ import annotations
@@ -30,18 +30,18 @@ from studies.trials.trial import Outcome, Results, Trial, run_trial
 
 GAMMA = 0.95
 LEVELS = (0.05, 0.005)
-#: What is asked of a recording: the p-values of the parts, and what the whole procedure selects.
+#: Results of a recording: the p-values of the parts, and the selection of the whole procedure.
 OF_PARTS, WHOLE = 'parts', 'automatic'
 
 
 def irrelevant_channels(world: str) -> list[int]:
-    """Return the channels of a world that are irrelevant."""
+    """Return the irrelevant channels of a world."""
     task = TASKS[world]
     return [c for c in range(len(task.channel_names)) if c not in task.relevant]
 
 
 def pvalues_of_parts(trial: Trial) -> Outcome:
-    """Return the p-values of all irrelevant channels given the relevant ones, part after part."""
+    """Return the p-values of all irrelevant channels given the relevant ones, part by part."""
     task, start = TASKS[trial.scenario], time.perf_counter()
     episodes = task.rollout(trial.episodes, trial.seed)
     samples = collect_samples(episodes, gamma=GAMMA, standardize=True)
@@ -69,7 +69,7 @@ def run_either(trial: Trial) -> Outcome:
 def shares(pvalues: np.ndarray, level: float) -> str:
     """Return the share of p-values, shape (trials, k), up to a level, and its standard error.
 
-    Trials are independent, the sensors of one are not.
+    Trials are independent; the sensors of one trial are not.
     """
     mean, error = mean_and_error((pvalues <= level).mean(axis=1))
     return f'{mean:.1%} ± {error:.1%}'
@@ -81,7 +81,7 @@ def rows_of(world: str, num_episodes: int, results: Results) -> list[tuple]:
     kinds = np.array([TASKS[world].channel_names[c].split('_')[0] for c in channels])
     found = np.array([outcome.ranking for outcome in results.of(world, OF_PARTS, num_episodes)])
     of_parts = dict(zip(PARTS, np.split(found, len(PARTS), axis=1), strict=True))
-    # Up to the level of the test the greater of both counts.
+    # Up to the level of the test, the greater of both counts.
     of_parts['both'] = np.maximum(of_parts[SIGNS], of_parts[SHIFTS])
     wrong = [bool(set(channels) & set(o.ranking)) for o in results.of(world, WHOLE, num_episodes)]
     selected = '{:.1%} ± {:.1%}'.format(*mean_and_error(wrong))

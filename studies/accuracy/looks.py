@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""A selector that looks again and again: how often something irrelevant is ever confirmed.
+"""Repeated selections: how often an irrelevant sensor is ever confirmed.
 
-Ten channels, rewards and everything else are independent. As the selector node does, each look
-takes the newest episodes, at the level that `core.looks` gives it, and begins with what was
-confirmed before. In a second table one sensor matters, and the question is how many more episodes
-it takes than a single look at the whole level.
+Ten channels and the rewards are independent. Like the selector node, each look takes the newest
+episodes, at the level from `core.looks`, and begins with the sensors confirmed before. A second
+table, with one relevant sensor, shows how many more episodes this needs than a single look at the
+full level.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from cmifs_ros.tools.program import exit_code
 
 _NUM_CHANNELS, _NUM_STEPS = 10, 12
 _SIGNIFICANCE = 0.05
-#: How much the first channel counts where one matters.
+#: Weight of the first channel, if one is relevant.
 _WEIGHT = 0.25
 
 
@@ -40,7 +40,7 @@ def episode_of(seed: int, number: int, weight: float) -> Episode:
 def confirmed_at_looks(
     seed: int, weight: float, options: argparse.Namespace, *, spends: bool
 ) -> list[set[str]]:
-    """Return what is confirmed at each look; without spending, each has the whole level."""
+    """Return what is confirmed at each look; without spending, each look has the full level."""
     names = [f'x{i}' for i in range(_NUM_CHANNELS)]
     episodes: list[Episode] = []
     confirmed: set[str] = set()
@@ -61,12 +61,12 @@ def confirmed_at_looks(
 
 
 def first_look(looks: list[set[str]], name: str) -> float:
-    """Return the number of the first look from which on a sensor is confirmed; inf if none."""
+    """Return the number of the first look at which a sensor is confirmed; inf if none."""
     return next((i + 1 for i, found in enumerate(looks) if name in found), np.inf)
 
 
 def run(options: argparse.Namespace) -> None:
-    """Run the trials and print what they show."""
+    """Run the trials and print the results."""
     seeds = range(options.first_seed, options.first_seed + options.trials)
 
     def of_all(weight, spends):
@@ -79,7 +79,7 @@ def run(options: argparse.Namespace) -> None:
             (first_look(a, 'x0') * options.every, first_look(b, 'x0') * options.every)
             for a, b in zip(spent, whole, strict=True)
         ]
-        print('episodes until the sensor that matters is confirmed, and at the whole level:')
+        print('episodes until the relevant sensor is confirmed, and at the full level:')
         for by_spending, by_whole in pairs:
             print(f'  {by_spending:g}  {by_whole:g}')
         ratio = np.median([a / b for a, b in pairs])
@@ -98,7 +98,11 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument('--looks', type=number_from(1), default=20)
     parser.add_argument('--every', type=number_from(1), default=20, help='episodes between looks')
     parser.add_argument('--buffer', type=number_from(2), default=400, help='episodes kept')
-    parser.add_argument('--power', action='store_true', help='also how much later is what matters')
+    parser.add_argument(
+        '--power',
+        action='store_true',
+        help='also measure how much later the relevant sensor is confirmed',
+    )
     parser.add_argument('--first-seed', type=number_from(0), default=1000)
     parser.add_argument('--jobs', type=number_from(1), default=2)
     options = parser.parse_args(arguments)

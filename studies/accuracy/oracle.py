@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""How well one could do at best with this criterion: an oracle knows all relevant channels but one.
+"""The best possible result with this score: an oracle knows all relevant channels but one.
 
-Given the others, it ranks the one that it does not know among the irrelevant channels. The rank
-sum it arrives at is the optimum plus the number of irrelevant channels that score higher. Forward
-selection, which has to find the others too, can hardly do better.
+Given the others, it ranks the unknown one among the irrelevant channels. Its rank sum is the
+optimum plus the number of irrelevant channels that score higher. Forward selection, which must find
+the others too, can hardly do better.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from .rank_sums import USUAL_TASKS
 
 
 def ranked_higher(task: str, num_episodes: int, seed: int) -> list[int]:
-    """Return how many irrelevant sensors score higher than each relevant one."""
+    """Return the number of irrelevant sensors that score higher than each relevant one."""
     episodes = TASKS[task].rollout(num_episodes, seed)
     criterion = criterion_of(Lsmi(), episodes, seed)
     parts = list(TASKS[task].sensors.values())
@@ -43,7 +43,7 @@ def ranked_higher(task: str, num_episodes: int, seed: int) -> list[int]:
 
 
 def run(options: argparse.Namespace) -> None:
-    """Ask the oracle, then print."""
+    """Ask the oracle, then print the table."""
     rows = []
     for task in options.tasks:
         if what_is_missing(task):
@@ -69,14 +69,14 @@ def run(options: argparse.Namespace) -> None:
 
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:
-    """Return the options; a bad one ends the program with a sentence."""
+    """Return the options; an invalid one ends the program with a message."""
     parser = study_parser('accuracy_oracle', __doc__, first_seed=1000, episodes='20,40')
     add_names(parser, '--tasks', USUAL_TASKS, ('without_gravel', 'with_gravel'))
     return parser.parse_args(arguments)
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Ask and print; return the exit code."""
+    """Run the study; return the exit code."""
     options = parse(arguments)
     return exit_code('accuracy_oracle', lambda: run(options))
 

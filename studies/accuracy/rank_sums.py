@@ -1,12 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""How few episodes are enough: rank sums of the relevant channels on many tasks, by method.
+"""Accuracy with few episodes: rank sums of the relevant channels on many tasks, by method.
 
 With --number: how often the automatic number selects exactly the relevant channels.
 
-The tasks are the grid world of the paper in both scenarios, its chain, environments of
-Gymnasium, small synthetic worlds and a lidar world; distractor channels are appended to those
-that do not bring their own.
+The tasks are the paper's grid world in both scenarios, its chain, Gymnasium environments, small
+synthetic worlds and a lidar world; distractor channels are appended to tasks without their own.
 """
 
 from __future__ import annotations
@@ -28,13 +27,13 @@ from studies.trials.parallel import finish
 from studies.trials.tables import markdown_table
 from studies.trials.trial import Results, Trial
 
-#: Those asked for by default, first in the table, where the others follow.
+#: The default methods, first in the table.
 USUAL_METHODS = ('default', 'paper', 'kdr', 'ennemi', 'sklearn', 'forest')
-#: What --number compares: the automatic number on the task, and where nothing is relevant.
+#: The methods of --number: the automatic number on the task, and with shuffled states.
 NUMBER_METHODS = ('automatic', 'automatic_shuffled')
-#: Those that rank all channels.
+#: Methods that rank all channels.
 ALL_METHODS = tuple(m for m in dict.fromkeys((*USUAL_METHODS, *METHODS)) if m not in SELECTING)
-#: `with_fixed_gravel` is another reading of the paper; without anything relevant there is no sum.
+#: `with_fixed_gravel` is another reading of the paper; rank sums need relevant channels.
 USUAL_TASKS = tuple(
     name
     for name, task in TASKS.items()
@@ -43,7 +42,7 @@ USUAL_TASKS = tuple(
 
 
 def available(names: Sequence[str], what_is_missing) -> list[str]:
-    """Return the names that can be used here; say of the others what they need."""
+    """Return the available names; print what the others need."""
     missing = {name: what_is_missing(name) for name in names}
     for name, hint in missing.items():
         if hint:
@@ -52,7 +51,7 @@ def available(names: Sequence[str], what_is_missing) -> list[str]:
 
 
 def table(results: Results, wanted: Sequence[Trial]) -> str:
-    """Return the table; a row is a task with a number of episodes, a column a method."""
+    """Return the table: a row for each task and number of episodes, a column for each method."""
     columns = [method for method in ALL_METHODS if method in results.methods]
     rows = []
     for scenario, episodes in dict.fromkeys((t.scenario, t.episodes) for t in wanted):
@@ -67,7 +66,7 @@ def table(results: Results, wanted: Sequence[Trial]) -> str:
 
 
 def number_table(results: Results, wanted: Sequence[Trial]) -> str:
-    """Return the table of how many trials select what; a row is a task with its episodes."""
+    """Return the table of what trials select: a row for each task and number of episodes."""
     rows = []
     for scenario, episodes in dict.fromkeys((t.scenario, t.episodes) for t in wanted):
         relevant = set(TASKS[scenario].relevant)
@@ -112,7 +111,7 @@ def run(options: argparse.Namespace) -> None:
         for method in chosen_methods
     ]
     if not wanted:
-        raise CommandError('nothing of what was asked for is installed')
+        raise CommandError('none of the requested packages is installed')
     results = finish(wanted, log, options.jobs)
     seeds = f'{options.first_seed} to {options.first_seed + options.trials - 1}'
     if options.number:
@@ -124,15 +123,15 @@ def run(options: argparse.Namespace) -> None:
 
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:
-    """Return the options; a bad one ends the program with a sentence."""
+    """Return the options; an invalid one ends the program with a message."""
     parser = study_parser('accuracy', __doc__, first_seed=1000, episodes='20,40,100')
     add_names(parser, '--tasks', TASKS, USUAL_TASKS)
     add_names(parser, '--methods', ALL_METHODS, USUAL_METHODS)
     parser.add_argument(
         '--number',
         action='store_true',
-        help='in place of methods and rank sums: what the automatic number selects, on the task '
-        'and with the states shuffled between episodes',
+        help='instead of rank sums: what the automatic number selects, on the task and with the '
+        'states shuffled between episodes',
     )
     add_log(parser)
     return parser.parse_args(arguments)

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""What each target is given: how often exactly the sensors that it needs, beside peers.
+"""How often each target gets exactly the sensors it needs, compared with peers.
 
-`return` and `decision` are asked of recordings in which the actions are random, `action` of those
-of a skilled controller; of these the return has to warn that it shows little. Where the states are
-those of other episodes nothing is needed.
+`return` and `decision` are tested on recordings with random actions, `action` on those of a skilled
+controller; for these, the target `return` must warn that it shows little. With the states of other
+episodes, no sensor is needed.
 """
 
 from __future__ import annotations

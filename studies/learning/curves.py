@@ -167,7 +167,7 @@ def run(options: argparse.Namespace) -> None:
 
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:
-    """Return the options; a bad one ends the program with a sentence."""
+    """Return the options; an invalid one ends the program with a message."""
     parser = study_parser(
         'learning', __doc__, trials=20, first_seed=1000, episodes='100,300', least_episodes=4
     )

@@ -127,7 +127,7 @@ def run(options: argparse.Namespace) -> None:
 
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:
-    """Return the options; a bad one ends the program with a sentence."""
+    """Return the options; an invalid one ends the program with a message."""
     parser = study_parser('closed_loop', __doc__, trials=3, has_jobs=False)
     parser.add_argument('--scenario', choices=SCENARIOS, default='without_gravel')
     parser.add_argument('--episodes', type=number_from(100), default=300, help='default 300')

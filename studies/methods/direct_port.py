@@ -1,12 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""The authors' program, ported plainly: the reference for exactness and for speed.
+"""A direct port of the authors' program: the reference for exactness and speed.
 
-For each subset of channels, step and width it computes the kernels anew, for each fold their
-Gram matrices, and for each regularisation it has LAPACK solve one system (Hachiya & Sugiyama,
-2010, Section 3.2, with the grids of their MATLAB program). It shares with the engine in `core`
-what comes before and after: the samples of each step with their folds and centres, and the
-greedy search.
+For each subset of channels, step and width it computes the kernels again, for each fold their Gram
+matrices, and for each regularisation LAPACK solves one system (Hachiya & Sugiyama, 2010, Section
+3.2, with the grids of their MATLAB program). It shares with the engine in `core` only what comes
+before and after: the samples of each step with their folds and centres, and the greedy search.
 """
 
 from __future__ import annotations
@@ -43,7 +42,7 @@ def rank_directly(
     ----------
     episodes : sequence of Episode
     num_features : int, optional
-        How many sensors to rank; None ranks all.
+        Number of sensors to rank; None ranks all.
     sensors : sequence of tuple of int, optional
         The channels of each sensor; by default each channel is one.
     gamma, criterion, standardize, max_time_bins, tuning_window, num_centers, random_state
@@ -80,7 +79,7 @@ def rank_directly(
 def conditional_mi(
     steps: Sequence[StepSamples], subset: Sequence[int], criterion: str, tuning_window: int
 ) -> float:
-    """Return sum_n p(n) I(eta_n; z_n), Equation (9); one episode alone tells of no dependence.
+    """Return sum_n p(n) I(eta_n; z_n), Equation (9); a step of a single episode counts as 0.
 
     Each step takes the width and the regularisation that minimise the held-out objective
     averaged over the samples of the steps near it.

@@ -2,9 +2,8 @@
 
 """Peers that fit trees to all samples at once: extra trees with permutation importance, Boruta.
 
-The return of a step is learned from its channels and actions, whatever the step. Both packages are
-optional.
-FOCI (Azadkia & Chatterjee, 2021) is no peer here: no package for Python has it.
+The return of a step is learned from its channels and actions, without the step's number. Both
+packages are optional. FOCI (Azadkia & Chatterjee, 2021) has no Python package.
 """
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ GAMMA = 0.95
 def _samples(episodes: Sequence[Episode]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return inputs (n, v + a), returns (n,) and the number of each sample's episode (n,).
 
-    Of the inputs the first are the channels, the others the actions.
+    The first inputs are the channels, the others the actions.
     """
     inputs = np.concatenate([np.hstack([e.states, e.actions]) for e in episodes])
     returns = np.concatenate([discounted_returns(e.rewards, GAMMA) for e in episodes])
@@ -34,7 +33,7 @@ def _samples(episodes: Sequence[Episode]) -> tuple[np.ndarray, np.ndarray, np.nd
 def forest_importance(
     episodes: Sequence[Episode], sensors: Sequence[tuple[int, ...]], seed: int, num_threads: int
 ) -> np.ndarray:
-    """Return how much R^2 on episodes left out falls when a sensor is permuted: shape (S,).
+    """Return the decrease of R^2 on held-out episodes when a sensor is permuted: shape (S,).
 
     Extra trees (Geurts et al., 2006) are fitted to four fifths of the episodes, five times; the
     channels of a sensor are permuted together.
@@ -68,8 +67,8 @@ def boruta_importance(
 ) -> np.ndarray:
     """Return minus the rank that Boruta (Kursa & Rudnicki, 2010) gives a sensor's best channel.
 
-    Boruta tells accepted, undecided and rejected channels apart, and ranks the rejected ones;
-    equal ranks are put in a random order, as what is relevant may stand first in the data.
+    Boruta distinguishes accepted, undecided and rejected channels, and ranks the rejected ones.
+    Ties are ordered at random, because relevant channels may come first in the data.
     """
     from boruta import BorutaPy
     from sklearn.ensemble import ExtraTreesRegressor

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""A peer for what is linear: least squares with standard errors by episode."""
+"""A peer for linear dependence: least squares with standard errors clustered by episode."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ SIGNIFICANCE = 0.05
 
 
 def linear_pvalues(episodes: Sequence[Episode]) -> np.ndarray:
-    """Return the p-value of each channel's coefficient beside all others, shape (v,).
+    """Return the p-value of each channel's coefficient given all others, shape (v,).
 
     The return is regressed on all channels, the step and its square; the errors of an episode may
     depend on each other (Liang & Zeger, Longitudinal data analysis using generalized linear models,
@@ -38,7 +38,7 @@ def linear_pvalues(episodes: Sequence[Episode]) -> np.ndarray:
 
 
 def linear_selection(episodes: Sequence[Episode], sensors: Sequence[tuple[int, ...]]) -> list[int]:
-    """Return the sensors of which a channel has evidence over all channels, the clearest first."""
+    """Return the sensors with a significant channel (Bonferroni), smallest p-value first."""
     pvalues = linear_pvalues(episodes) * episodes[0].num_channels
     best = [min(pvalues[list(sensor)]) for sensor in sensors]
     return [int(i) for i in np.argsort(best) if best[i] <= SIGNIFICANCE]

@@ -2,9 +2,9 @@
 
 """Peers that look at one channel at a time: ennemi and scikit-learn, step by step.
 
-Each estimates the mutual information of the return and a channel from nearest neighbours, here
-at each step by itself; the mean over the steps, weighted as in `core.conditional_mi`, is an
-estimate of I(eta; z | n) of that channel alone. Both packages are optional.
+Each estimates the mutual information between the return and one channel from nearest neighbours,
+here separately at each step. The mean over the steps, weighted as in `core.conditional_mi`,
+estimates I(eta; z | n) for that channel alone. Both packages are optional.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ Estimator = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
 def ennemi_estimator(seed: int, num_threads: int) -> Estimator:
-    """Return the estimator of ennemi, which draws its noise from a seed of its own."""
+    """Return the estimator of ennemi, which draws noise from its own seed."""
     from ennemi import estimate_mi
 
     return lambda returns, channels: estimate_mi(
@@ -33,7 +33,7 @@ def ennemi_estimator(seed: int, num_threads: int) -> Estimator:
 
 
 def sklearn_estimator(seed: int, num_threads: int) -> Estimator:
-    """Return the estimator of scikit-learn, which works in one thread."""
+    """Return the estimator of scikit-learn, which uses one thread."""
     from sklearn.feature_selection import mutual_info_regression
 
     return lambda returns, channels: mutual_info_regression(
@@ -49,8 +49,8 @@ def information_by_channel(
 ) -> np.ndarray:
     """Return the conditional mutual information of the return and each channel: shape (v,).
 
-    Long episodes are pooled into time bins as by `ConditionalMISelector`. A constant tells
-    nothing, and a step with no more samples than neighbours is not estimated; both count as 0.
+    Long episodes are pooled into time bins as in `ConditionalMISelector`. A constant, and a step
+    with no more samples than neighbours, count as 0.
     """
     steps = step_samples(
         episodes,

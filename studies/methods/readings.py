@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""What the paper leaves open, read in another way than ours: methods to compare with.
+"""Alternative readings of what the paper leaves open, as methods to compare with.
 
-docs/reproduction.md says what each of them changes.
+docs/reproduction.md describes what each of them changes.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class ProgramLsmi(Lsmi):
 
 @dataclass(frozen=True)
 class Estimate:
-    """Conditional MI as in `ConditionalMISelector.paper()` but for the scale and the estimate."""
+    """Conditional MI as in `ConditionalMISelector.paper()`, except for scale and estimator."""
 
     estimator: Lsmi
     standardize: bool
@@ -90,7 +90,7 @@ class ReadKDR:
 
 _PAPER = Lsmi('plug_in', num_centers=None)
 _HELD_OUT = Lsmi('held_out', num_centers=None)
-#: The name of each reading, and what makes its criterion.
+#: The name of each reading, and a function that makes its criterion.
 READINGS: dict[str, Estimate | ReadKDR] = {
     'paper_standardized': Estimate(_PAPER, standardize=True),
     'paper_program': Estimate(ProgramLsmi('plug_in', num_centers=None), standardize=False),

@@ -4,11 +4,11 @@
 
 Castelletti, Galelli, Restelli & Soncini-Sessa, Tree-based feature selection for dimensionality
 reduction of large-scale control systems, 2011. Inputs are selected for the reward, then for the
-next value of each channel selected, and so on. For one variable they are selected as in Galelli &
+next value of each selected channel, and so on. The selection for one variable follows Galelli &
 Castelletti, Tree-based iterative input variable selection for hydrological modeling, 2013: trees
-rank all inputs by what they say of the residual, the best of the first few by itself joins, and the
-search ends where the model with it is no better. Unlike there the action is an input of each model,
-so that what matters only with it is seen, and models are compared out of bag.
+rank all inputs by how well they explain the residual, the best single one of the first few is
+added, and the search ends when the model does not improve. Unlike there, the action is an input of
+each model, so that sensors that matter only with it are found, and models are compared out of bag.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _LEAST_GAIN = 0.01
 
 
 def recursive_selection(episodes: Sequence[Episode], seed: int) -> list[int]:
-    """Return the channels that a decision needs, in the order in which they were found."""
+    """Return the channels that a decision needs, in the order found."""
     states = np.concatenate([e.states for e in episodes])
     actions = np.concatenate([e.actions for e in episodes])
     rewards = np.concatenate([e.rewards for e in episodes])
@@ -40,7 +40,7 @@ def recursive_selection(episodes: Sequence[Episode], seed: int) -> list[int]:
 
 
 def _selected(states, actions, target: np.ndarray, seed: int) -> list[int]:
-    """Return the channels that predict a target (n,) beside the actions."""
+    """Return the channels that predict a target (n,) given the actions."""
     chosen: list[int] = []
     target = target - target.mean()
     residual, explained = _residual_and_score(actions, target, seed)
@@ -75,7 +75,7 @@ def _importances(inputs, target, seed):
 
 
 def _residual_and_score(inputs, target, seed) -> tuple[np.ndarray, float]:
-    """Return what a forest leaves of a target out of bag, and the share of variance explained."""
+    """Return the out-of-bag residual of a forest, and the share of variance explained."""
     if not inputs.shape[1] or not np.ptp(target):
         return target, 0.0
     left = target - _forest(seed).fit(inputs, target).oob_prediction_

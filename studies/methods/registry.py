@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""The methods that are compared, by name, each with one way to call it."""
+"""The methods to compare, by name, with one way to call them."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from .linear import linear_selection
 from .peers import ESTIMATORS, information_by_channel
 from .readings import READINGS, rank_read
 
-#: The name of each method and what tables call it.
+#: The name of each method, and its name in tables.
 METHODS = {
     'kdr': 'KDR',
     'paper': "ours, set as in the paper ('paper')",
@@ -50,15 +50,15 @@ METHODS = {
     'dispensable': 'ours, what is dispensable',
     'linear': 'linear model, errors by episode',
 }
-#: Those that rank only some of the sensors.
+#: Methods that rank only some of the sensors.
 SELECTING = ('automatic', 'automatic_shuffled', 'redundant', 'dispensable', 'linear')
 #: The default with other bounds of the number of kernel centres.
 NUM_CENTERS = {'centers_25': 25, 'centers_50': 50, 'centers_all': None}
 #: The estimators of rankings by the score alone: the default's, and that of the direct port.
 ESTIMATORS_OF_SCORE = {'score': Lsmi(widths=WIDTHS, num_centers=50), 'score_as_port': Lsmi()}
-#: Those that know no sensors of several channels.
+#: Methods without sensors of several channels.
 RANKED_BY_CHANNEL = (*ESTIMATORS_OF_SCORE, *READINGS, 'direct_port')
-#: The package that a method needs, as Python and as pip call it.
+#: The package that a method needs, by its names in Python and in pip.
 _PACKAGES = {
     'ennemi': ('ennemi', 'ennemi'),
     'sklearn': ('sklearn', 'scikit-learn'),
@@ -70,10 +70,10 @@ _PACKAGES = {
 class Ranking(NamedTuple):
     """The sensors ranked, best first, as indices from 0, and the score of each place.
 
-    Without groups sensors are channels. The peers score each sensor by itself, the others score
-    the first 1, 2, ... together. The automatic number ranks what it selects, `redundant` what could
-    replace a part of that, `dispensable` what can go, and the linear model what has evidence. A
-    method that knows channels alone ranks a sensor where its first channel is.
+    Without groups, sensors are channels. The peers score each sensor alone, the others the first 1,
+    2, ... together. The automatic number ranks the selected sensors, `redundant` those that could
+    replace some of them, `dispensable` the dispensable ones, and the linear model those with
+    evidence. A method for channels only ranks a sensor by its first channel.
     """
 
     channels: tuple[int, ...]
@@ -81,7 +81,7 @@ class Ranking(NamedTuple):
 
 
 def what_is_missing(method: str) -> str | None:
-    """Return how to install the package that a method needs and that is not here, or None."""
+    """Return how to install the missing package of a method, or None."""
     if method in _PACKAGES:
         module, package = _PACKAGES[method]
         if find_spec(module) is None:
@@ -107,15 +107,15 @@ def rank(
         One of `METHODS`.
     episodes : sequence of Episode
     target : sequence of int
-        What KDR is told: the channels that the reward depends on directly.
+        For KDR: the channels that the reward depends on directly.
     seed : int
-        Of everything random in the method.
+        Seed of everything random in the method.
     sensors : mapping of str to tuple of int, optional
         Each sensor's channels, in the order of their first ones; without it, each channel is one.
     num_features : int, optional
-        How many sensors to rank; None ranks all.
+        Number of sensors to rank; None ranks all.
     n_jobs : int
-        Threads of our engine and of ennemi. Those of the linear algebra are set from outside.
+        Threads of this package and of ennemi; BLAS threads are set outside.
 
     """
     if sensors is None:
@@ -160,7 +160,7 @@ def rank(
 
 
 def _selected(method: str, episodes, groups, seed: int, n_jobs: int) -> Ranking:
-    if method == 'automatic_shuffled':  # The rewards stay: they depend on nothing.
+    if method == 'automatic_shuffled':  # The rewards stay, so they are independent of the states.
         states = exchange([e.states for e in episodes], np.random.default_rng([seed, 3]))
         pairs = zip(states, episodes, strict=True)
         episodes = [Episode(s, e.rewards, source=e.source) for s, e in pairs]
@@ -179,7 +179,7 @@ def _selected(method: str, episodes, groups, seed: int, n_jobs: int) -> Ranking:
 
 
 def criterion_of(estimator: Lsmi, episodes, seed: int, n_jobs: int = 1) -> ConditionalMI:
-    """Return the criterion by which the default ranks, with another estimator."""
+    """Return the ranking criterion of the default, with another estimator."""
     steps = step_samples(
         episodes,
         gamma=0.95,

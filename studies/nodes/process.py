@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""Nodes in processes of their own, and what they use of the machine."""
+"""Nodes in separate processes, and the resources they use."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from cmifs_ros.tools.program import CommandError
 
 
 class Process:
-    """A node in a process of its own; leaving the context ends it."""
+    """A node in a separate process; leaving the context ends it."""
 
     def __init__(self, folder: Path, *command: str, namespace: str = '/', **parameters):
         settings = [w for k, v in parameters.items() for w in ('-p', f'{k}:={json.dumps(v)}')]
@@ -28,15 +28,15 @@ class Process:
 
     @classmethod
     def selector(cls, folder: Path, **parameters) -> Process:
-        """Start the selector as a user would."""
+        """Start the selector like a user."""
         return cls(folder, executable('selector_node'), **parameters)
 
     def has_ended(self) -> bool:
-        """Tell whether it has ended by itself."""
+        """Return whether it has ended."""
         return self._process.poll() is not None
 
     def cpu_seconds(self) -> float:
-        """Return the processor time used so far, without that of the worker."""
+        """Return the processor time used so far, without the worker."""
         fields = Path(f'/proc/{self.pid}/stat').read_text().rsplit(')', 1)[1].split()
         return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
 
@@ -46,7 +46,7 @@ class Process:
         return pages * os.sysconf('SC_PAGE_SIZE')
 
     def kill(self) -> None:
-        """Kill it as nothing can be prepared for."""
+        """Kill it with SIGKILL."""
         self._process.kill()
         self._process.wait()
 
@@ -55,7 +55,7 @@ class Process:
         return self
 
     def __exit__(self, kind, *_) -> None:
-        """End it; a traceback in its output is a broken promise."""
+        """End it; raise if its output has a traceback."""
         if self._process.poll() is None:
             self._process.terminate()
             try:

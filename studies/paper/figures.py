@@ -15,11 +15,11 @@ from studies.trials.tables import markdown_table
 from studies.trials.trial import Results, Trial
 
 NUM_FEATURES = 14
-#: The feature of Figure 7, s(4), which senses gravel.
+#: The feature of Figure 7, s(4): the gravel sensor.
 GRAVEL = 3
-#: What each figure shows.
+#: Contents of each figure.
 SCENARIOS = {'6a': 'without_gravel', '6b': 'with_gravel', '7': 'with_gravel'}
-#: The paper's rival, its method, and the default of this package, in the order of the figures.
+#: The paper's baseline, its method, and this package's default, in the order of the figures.
 LABELS = {
     'kdr': 'KDR-based',
     'paper': "proposed, as in the paper ('paper')",
@@ -34,8 +34,8 @@ def plan(
 ) -> list[Trial]:
     """Return the trials that some figures need, each once.
 
-    Figure 7 shows the greatest number of episodes. Repetition i has the seed `seed` + i. The
-    repetitions follow each other, so that a study under way tells how long the rest takes.
+    Figure 7 shows the greatest number of episodes. Repetition i has the seed `seed` + i.
+    Repetitions run one after the other, so that progress predicts the remaining time.
     """
     wanted = {'without_gravel': set(), 'with_gravel': set()}
     for figure in figures:

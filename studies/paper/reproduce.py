@@ -21,12 +21,12 @@ from studies.trials.parallel import finish
 from .figures import markdown, plan, save_figures
 
 FIGURES = ('6a', '6b', '7')
-#: The method of the paper, the one it compares with, and the default of this package.
+#: The method of the paper, its baseline, and the default of this package.
 METHODS = ('paper', 'kdr', 'default')
 
 
 def run(options: argparse.Namespace) -> None:
-    """Run the trials that are missing, then draw and tabulate those asked for."""
+    """Run the missing trials, then draw and tabulate the requested ones."""
     try:
         options.out.mkdir(parents=True, exist_ok=True)
         log = TrialLog(options.out / 'trials.csv')
@@ -45,8 +45,8 @@ def run(options: argparse.Namespace) -> None:
 
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:
-    """Return the options; a bad one ends the program with a sentence."""
-    episodes = '10,20,30,40,50,60,70,80,90,100'  # Figure 7 takes the greatest.
+    """Return the options; an invalid one ends the program with a message."""
+    episodes = '10,20,30,40,50,60,70,80,90,100'  # Figure 7 uses the greatest.
     parser = study_parser(
         'reproduce_paper', __doc__, first_seed=0, episodes=episodes, has_jobs=False
     )
@@ -60,7 +60,9 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
         help='folder of the results, and of the trials to continue with (default %(default)s)',
     )
     where = parser.add_mutually_exclusive_group()
-    where.add_argument('--jobs', type=number_from(1), help='processes (default: one a core)')
+    where.add_argument(
+        '--jobs', type=number_from(1), help='number of processes (default: one per core)'
+    )
     where.add_argument(
         '--scheduler', metavar='ADDRESS', help='run on the cluster of this Dask scheduler'
     )

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""A robot of ordinary topics and its robot file: the live selection, and that from its bag.
+"""A robot with ordinary topics and its robot file: a live selection, and one from its bag.
 
-The robot, the sampler and the selector are processes of their own; the run is recorded at the same
-time. select_from_bag then has to find the same episodes, byte for byte, and the same selection.
+The robot, the sampler and the selector are separate processes, and the run is recorded.
+select_from_bag must then find the same episodes, byte for byte, and the same selection.
 """
 
 from __future__ import annotations
@@ -39,12 +39,12 @@ from .drive import TOPICS
 from .recorder import Recorder
 
 ROBOT_FILE = Path(__file__).with_name('robot.yaml')
-#: Seconds that the last episode may take to come, and a selection.
+#: Seconds to wait for the last episode, and for a selection.
 _PATIENCE, _SELECTION = 30.0, 600.0
 
 
 class Operator:
-    """The study's own node: it records, reads diagnostics and calls for a selection."""
+    """The study's own node: it records, reads diagnostics and requests a selection."""
 
     def __init__(self, bag: Path):
         self._context = rclpy.Context()
@@ -63,12 +63,12 @@ class Operator:
 
     @property
     def num_episodes(self) -> int:
-        """Episodes that the selector has."""
+        """Number of episodes of the selector."""
         return int(self.diagnostics.get('selector: input', {}).get('episodes', 0))
 
     @property
     def is_ready(self) -> bool:
-        """Whether sampler and selector are there, and the one hears the other."""
+        """Whether sampler and selector are running and connected."""
         return (
             self._node.count_publishers('state') > 0
             and self._node.count_subscribers('state') > 0
@@ -77,7 +77,7 @@ class Operator:
         )
 
     def until(self, condition: Callable[[], bool], what: str, seconds: float) -> None:
-        """Spin until a condition holds; raise if it does not in time."""
+        """Spin until a condition holds; raise if that takes too long."""
         deadline = time.monotonic() + seconds
         while not condition():
             if time.monotonic() > deadline:
@@ -85,24 +85,24 @@ class Operator:
             self._executor.spin_once(0.05)
 
     def select(self) -> Selection:
-        """Return what the selector replies."""
+        """Return the reply of the selector."""
         future = self._select.call_async(Trigger.Request())
         self.until(future.done, 'the selector answered', _SELECTION)
         reply = json.loads(future.result().message)
         error = reply.get('error', '')
         if error:
-            raise CommandError(f'the selector refuses: {error}')
+            raise CommandError(f'the selector refused: {error}')
         return selection_of(reply)
 
     def close(self) -> None:
-        """Leave the graph and end the bag."""
+        """Destroy the node and finish the bag."""
         self._node.destroy_node()
         rclpy.shutdown(context=self._context)
         self.recorder.close()
 
 
 def drive(folder: Path, options: argparse.Namespace) -> Selection:
-    """Let the robot drive; leave `live` (episodes) and `bag`, and return the live selection."""
+    """Let the robot drive; write `live` (episodes) and `bag`; return the live selection."""
     (logs := folder / 'logs').mkdir()
     robot_command = ('-m', 'studies.robot.robot_node', str(options.goals), str(options.seed))
     operator = Operator(folder / 'bag')
@@ -137,7 +137,7 @@ def drive(folder: Path, options: argparse.Namespace) -> Selection:
                 print(f'  {name}: {values["messages"]} messages, {values["late"]} late, '
                       f'{values["wrong"]} wrong')  # fmt: skip
         print(f'{operator.num_episodes} episodes live, {operator.recorder.num_messages} recorded')
-        print('selecting from them, live ...', flush=True)
+        print('selecting live ...', flush=True)
         return operator.select()
 
 
@@ -160,16 +160,16 @@ def run(options: argparse.Namespace) -> None:
     if differing:
         raise CommandError(
             f'live and from the bag, episodes differ, by number: {differing}; a best-effort '
-            'message may have reached only one, where the machine is slow: --speed can be less'
+            'message may have reached only one of them; on a slow machine, reduce --speed'
         )
     print(f'the same {len(one.episodes)} episodes live and from the bag, byte for byte')
-    # The node's linear algebra has one thread, which changes the last digits.
+    # The node uses one BLAS thread, which changes the last digits.
     gap = np.inf
     if _words(live) == _words(from_bag):
         gap = np.abs(np.subtract(_numbers(live), _numbers(from_bag))).max(initial=0)
     if gap > 1e-6:
         raise CommandError(
-            f'the live selection and that of the bag differ, scores by {gap:.1g}: {live} {from_bag}'
+            f'the selections live and from the bag differ, scores by {gap:.1g}: {live} {from_bag}'
         )
     print(
         f'the same selection live and from the bag: {", ".join(live.names) or "nothing"} '
@@ -178,7 +178,7 @@ def run(options: argparse.Namespace) -> None:
 
 
 def _words(selection: Selection) -> tuple:
-    """Return what two selections of the same data have to have in common exactly."""
+    """Return what two selections from the same data must have in common exactly."""
     return (
         selection.indices,
         selection.episodes,
@@ -192,14 +192,14 @@ def _words(selection: Selection) -> tuple:
 
 
 def _numbers(selection: Selection) -> np.ndarray:
-    """Return scores and evidence of all sensors, one after the other."""
+    """Return scores and evidence of all sensors, concatenated."""
     return np.concatenate([(s.score, s.pvalue, *(s.null_band or ())) for s in selection.sensors])
 
 
 def _difference(one: Episode | None, other: Episode | None, names: Sequence[str]) -> str:
-    """Return in words what differs, nothing if they are the same byte for byte."""
+    """Return a message about the differences; empty if equal byte for byte."""
     if one is None or other is None:
-        return 'only one has it'
+        return 'in only one of them'
     if len(one) != len(other):
         return f'{len(one)} and {len(other)} steps'
     if one.states.tobytes() != other.states.tobytes():
@@ -214,7 +214,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument('--seed', type=number_from(0), default=0)
     parser.add_argument(
         '--speed', type=float, default=2.0,
-        help='how many times faster than its own time the robot lives (default 2)',
+        help='speed relative to real time (default 2)',
     )  # fmt: skip
     options = parser.parse_args(arguments)
     if not 0.1 <= options.speed <= 20:

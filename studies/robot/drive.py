@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""A robot that drives from goal to goal in the lidar world, and what its sensors publish.
+"""A robot that drives from goal to goal in the lidar world, and its sensor messages.
 
 Its time is counted in ticks of 10 ms.
 """
@@ -21,9 +21,9 @@ from studies.tasks.lidar_world import MAX_STEPS, RANGE_MAX, STEP_SECONDS, LidarW
 #: In ns.
 TICK = 10_000_000
 _MOVE, STEP = 5, round(STEP_SECONDS * 1e9 / TICK)
-#: What has no stamp is sent in the middle between two steps: no small delay changes its step.
+#: Messages without a stamp are sent between two steps, so that small delays do not matter.
 BETWEEN = STEP // 2
-#: For how many steps the robot rests between two goals.
+#: Steps that the robot rests between two goals.
 _REST = 3
 STATUS = '/go_to/_action/status'
 _RELIABLE = QoSProfile(depth=1000)
@@ -60,16 +60,16 @@ class Drive:
         self.goals: list[int] = []
         self.observation = self._world.reset()
         self.velocity = np.zeros(2)
-        self._reward: float | None = None  # What the goal paid, once it has ended.
+        self._reward: float | None = None  # The reward for the goal, once it has ended.
         self._since = 0
 
     @property
     def num_ended(self) -> int:
-        """Goals that have ended."""
+        """Number of finished goals."""
         return sum(status != GoalStatus.STATUS_EXECUTING for status in self.goals)
 
     def go_on(self, tick: int) -> bool:
-        """Go on by a tick; tell whether the status of a goal changes."""
+        """Advance by a tick; return whether the status of a goal changes."""
         is_running = self.goals[-1:] == [GoalStatus.STATUS_EXECUTING]
         if is_running and self._reward is None:
             if tick % STEP == 0:
@@ -101,7 +101,7 @@ class Drive:
 
 
 class Sensors:
-    """What is published at each tick, of a robot and of another one whose lidar is heard too.
+    """The messages at each tick, including those of another robot's lidar.
 
     Parameters
     ----------
@@ -115,7 +115,7 @@ class Sensors:
         self._battery, self._temperature = 1.0, 25.0
 
     def messages(self, tick: int) -> dict[str, object]:
-        """Go on by a tick; return messages by topic, in the order in which they are sent."""
+        """Advance by a tick; return messages by topic, in the order of sending."""
         changes = self.drive.go_on(tick)
         self._other.go_on(tick)
         header = Header(stamp=conversions.stamp_from_nanoseconds(tick * TICK), frame_id='base')
@@ -144,7 +144,7 @@ class Sensors:
         return found
 
     def _status(self, header: Header) -> GoalStatusArray:
-        """Return the status of the newest goals, as an action server keeps them for a while."""
+        """Return the statuses of the newest goals, as an action server keeps them for a while."""
         array = GoalStatusArray()
         for number in range(max(0, len(self.drive.goals) - 3), len(self.drive.goals)):
             entry = GoalStatus(status=self.drive.goals[number])
@@ -155,6 +155,6 @@ class Sensors:
 
 
 def scan_of(header: Header, ranges: np.ndarray) -> LaserScan:
-    """Return a scan; a ray that meets nothing is inf, as drivers say it."""
+    """Return a scan; a ray without an obstacle is inf, as in drivers."""
     seen = np.where(ranges < RANGE_MAX, ranges, np.inf)
     return LaserScan(header=header, angle_max=2 * np.pi, range_max=RANGE_MAX, ranges=seen.tolist())

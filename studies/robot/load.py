@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""What the sampler costs under load, beside nodes that only subscribe; and what it loses.
+"""The cost and losses of the sampler under load, compared with nodes that only subscribe.
 
-And the age of its `selected_state`, at each odometry, beside that of a bare relay in the same run.
+It also compares the age of `selected_state` with that of a bare relay of the odometry.
 
 Odometry at 50 Hz, a lidar of 720 rays at 20 Hz, an IMU at 400 Hz and 12 joints at 500 Hz.
 """
@@ -39,7 +39,7 @@ channels:
 reward: "x - before(x)"
 episode: {steps: 100}
 """
-#: Seconds for nodes to find each other, and for the last messages to come.
+#: Seconds for discovery, and for the last messages.
 _PATIENCE, _REST = 60.0, 3.0
 
 
@@ -49,7 +49,7 @@ def load_node(folder: Path, *role: str) -> Process:
 
 
 def measure(folder: Path, listener: Process, seconds: int) -> tuple[float, dict[str, int]]:
-    """Publish for so long; return the listener's share of a core and what was sent, by topic."""
+    """Publish for a while; return the listener's share of a core, and messages sent by topic."""
     with load_node(folder, 'publish', str(seconds)) as publisher:
         _until(lambda: 'begin' in publisher.log.read_text(), 'the nodes found each other')
         begin, used = time.monotonic(), listener.cpu_seconds()
@@ -67,7 +67,7 @@ def _until(condition, what: str, seconds: float = _PATIENCE) -> None:
 
 
 def sampled() -> dict[str, int]:
-    """Return how many messages the sampler says it has received, by topic."""
+    """Return the numbers of messages that the sampler reports, by topic."""
     counts: dict[str, int] = {}
 
     def on_diagnostics(message: DiagnosticArray) -> None:
@@ -96,7 +96,7 @@ def sampled() -> dict[str, int]:
 
 
 def run(options: argparse.Namespace) -> None:
-    """Measure one after the other, and print a table."""
+    """Measure one node after the other, and print a table."""
     rates = ', '.join(f'{topic} {1 / period:.0f} Hz' for topic, period in PERIODS.items())
     print(f'{rates}; for {options.seconds} s each\n')
     print('| node | share of a core | messages sent | lost |\n|---|---|---|---|')
@@ -122,13 +122,13 @@ def run(options: argparse.Namespace) -> None:
 
 
 def machine_times() -> tuple[float, float]:
-    """Return the time that all cores were busy, and all time, since the machine was started."""
+    """Return busy and total time of all cores since the machine started."""
     times = [float(word) for word in Path('/proc/stat').read_text().split('\n')[0].split()[1:9]]
     return sum(times) - times[3] - times[4], sum(times)
 
 
 def print_ages(ages: dict[str, list[int]], busy: float) -> None:
-    """Print how old what is relayed and what the sampler publishes is as it is received."""
+    """Print the age on receipt of relayed messages and of those of the sampler."""
     relayed, selected = (np.array(ages[way]) / 1e6 for way in ('relayed', 'selected_state'))
     print(f'\nage as it is received, of {len(relayed)} messages; all cores {busy:.0%} busy\n')
     print('| | p50 in ms | p99 in ms |\n|---|---|---|')

@@ -2,8 +2,8 @@
 
 """The publisher of the load, `load_nodes publish SECONDS`, and nodes that receive it.
 
-`listen` and `listen_raw` only count. `relay` publishes the odometry again, as a controller would
-get it without a sampler; `control` receives that and `selected_state`.
+`listen` and `listen_raw` only count. `relay` republishes the odometry, as a controller would get it
+without a sampler; `control` receives this and `selected_state`.
 """
 
 from __future__ import annotations
@@ -39,16 +39,18 @@ TOPICS = {
 PERIODS = {topic: period for topic, (_, period, _) in TOPICS.items()}
 #: The channels of the robot file that `control` selects.
 SELECTED = ['x', 'acceleration', 'joints[3]']
-#: Depth of the subscriptions, as the sampler's.
+#: Depth of the subscriptions, like the sampler's.
 _DEPTH = 1000
 
 
 def publish(node, seconds: float, stopping: list) -> dict[str, int]:
-    """Publish each topic at its rate; return how many were sent."""
+    """Publish each topic at its rate; return the numbers sent."""
     publishers = {t: node.create_publisher(type(m), t, qos) for t, (m, _, qos) in TOPICS.items()}
     while not stopping and not all(p.get_subscription_count() for p in publishers.values()):
         time.sleep(0.1)
-    time.sleep(2.0)  # The subscriber is known here; that we are known there takes a while more.
+    time.sleep(
+        2.0
+    )  # The subscriber is discovered here; it takes longer to discover this publisher.
     print('begin', flush=True)
     sent = dict.fromkeys(TOPICS, 0)
     begin = time.monotonic()
@@ -70,7 +72,7 @@ def publish(node, seconds: float, stopping: list) -> dict[str, int]:
 
 
 def listen(node, raw: bool, stopping: list) -> dict[str, int]:
-    """Count messages until told to stop; return how many came."""
+    """Count messages until told to stop; return the numbers."""
     counts = dict.fromkeys(TOPICS, 0)
 
     def count(topic: str) -> None:
@@ -86,7 +88,7 @@ def listen(node, raw: bool, stopping: list) -> dict[str, int]:
 
 
 def relay(node, stopping: list) -> dict[str, int]:
-    """Publish what the sampler is to publish, as soon as the odometry comes; return how many."""
+    """Republish the odometry like the sampler; return the number."""
     publisher = node.create_publisher(JointState, 'relayed', STREAM_QOS)
     counts = {'relayed': 0}
 

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""Record topics to MCAP as they come, by rosbags' writer."""
+"""Record topics to MCAP with the writer of rosbags."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class Recorder:
     Parameters
     ----------
     node : rclpy.node.Node
-        Has to be spun.
+        Must be spun.
     path : Path
         A new folder.
     topics : mapping of str to (type, QoSProfile)
@@ -44,5 +44,5 @@ class Recorder:
         self.num_messages += 1
 
     def close(self) -> None:
-        """End the file."""
+        """Finish the file."""
         self._writer.close()

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""The robot's process: publish its sensors until so many goals have ended, then rest and end.
+"""The robot's process: publish its sensors for a number of goals, then rest and end.
 
-As a simulator does, it lives through a step at once and then waits for the next one: just after
-it has sent what has no stamp, so that all others have a whole step's time to receive that.
+Like a simulator, it computes a step at once and then waits for the next one. It waits just after
+sending messages without a stamp, so that others have a full step to receive them.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ from rclpy.signals import SignalHandlerOptions
 
 from .drive import BETWEEN, STEP, TICK, TOPICS, Sensors
 
-#: The robot's time begins here, in ticks: a stamp of 0 is none.
+#: Start of the robot's time in ticks: a stamp of 0 means none.
 _FIRST_TICK = 100_000
 #: Subscriptions of each topic that are waited for: the sampler's and the recorder's; of the clock
 #: another one of the sampler, and the selector's.
 _LISTENERS = dict.fromkeys(TOPICS, 2) | {'/clock': 4}
-#: Ticks without a goal after the last, for the messages still on their way.
+#: Ticks after the last goal, for messages in transit.
 _LAST_TICKS = 100
 
 

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""The least that a node can do with a state, to measure the selector against."""
+"""Minimal nodes, to compare the selector with."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from cmifs_ros.ros.selector_node import SelectorNode
 
 
 class Relay(Node):
-    """Publish each `state` again as `selected_state`."""
+    """Republish each `state` as `selected_state`."""
 
     def __init__(self):
         super().__init__('relay')

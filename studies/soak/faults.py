@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""Faults injected into the selector, one a method."""
+"""Faults injected into the selector, one per method."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from .robot import Robot, robot_and
 
 
 class Faults(Part):
-    """Processes that die, messages that go wrong, a disk that is full."""
+    """Killed processes, bad messages, a full disk."""
 
     def calls(self):
         """Call the service a hundred times at once."""
@@ -39,8 +39,8 @@ class Faults(Part):
             )
 
     def workers(self):
-        """Kill the worker, idle and in the middle."""
-        # The rewards count the messages: the oldest do not fit the newest.
+        """Kill the worker, idle and during a selection."""
+        # The rewards count the messages, so old episodes do not fit new ones.
         process = Process.selector(
             self.folder, selection_period=0.0, num_features=3, forget_outdated=False
         )
@@ -72,7 +72,7 @@ class Faults(Part):
                 )
 
     def _idle_worker(self, robot: Robot) -> int:
-        """Return the process id of the worker, once it has nothing to do."""
+        """Return the process id of the worker once it is idle."""
         robot.diagnostics.clear()
         robot.until(
             lambda: (
@@ -83,7 +83,7 @@ class Faults(Part):
         return int(robot.selection['worker pid'])
 
     def restarts(self):
-        """Kill the selector at random moments and start it again."""
+        """Kill the selector at random moments and restart it."""
         path = self.folder / 'restarts'
         rng = np.random.default_rng(0)
         times, number, total, lost = self.count(20), 0, 0, []
@@ -183,7 +183,7 @@ class Faults(Part):
             resource.prlimit(process.pid, resource.RLIMIT_FSIZE, limit)
             storage = 'selector: storage'
             robot.run(500, 50 * LENGTH)
-            robot.until(lambda: robot.levels[storage][0] == b'\x02', 'the error is told')
+            robot.until(lambda: robot.levels[storage][0] == b'\x02', 'the error is reported')
             told = robot.levels[storage][1].rpartition(': ')[2]
             resource.prlimit(process.pid, resource.RLIMIT_FSIZE, unlimited)
             robot.until(lambda: robot.levels[storage][0] == b'\x00', 'it is saved')

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""Loads on the selector, and what bare nodes make of the same."""
+"""Loads on the selector, compared with bare nodes."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class Loads(Part):
     """Executors, rates and a million transitions."""
 
     def executors(self):
-        """Compare the executors: the same nodes, the same messages, in turns."""
+        """Compare the executors with the same nodes and messages, in turns."""
         for node in ('relay', 'selector'):
             found = {}
             for executor in ('single', 'chosen') * 2:
@@ -90,12 +90,12 @@ class Loads(Part):
             robot.is_selecting = False
 
     def _lost(self, robot: Robot, path: Path) -> str:
-        """Return what was lost of all that was sent to a selector, of which a file tells."""
+        """Return what a selector lost of everything sent to it, according to its file."""
         lost = robot.number - robot.settled_transitions()
         drops = {k: v for k, v in robot.input.items() if 'dropped' in k}
         sent = list(range(robot.number))
         newest = [sent[i : i + LENGTH] for i in range(0, len(sent), LENGTH)][-100:]
-        kept = robot.numbers_in(path)[-100:]  # what would come back
+        kept = robot.numbers_in(path)[-100:]  # what would be restored
         same = 'equal those sent' if kept == newest else 'DIFFER from those sent'
         return f'{lost} lost{f", {drops}" if drops else ""}; the 100 buffered episodes {same}'
 
@@ -107,7 +107,7 @@ class Loads(Part):
                 process = Process.selector(self.folder, selection_period=0.0)
             else:
                 process = self.bare(node)
-            # The sender has enough to do: nobody listens to the selected states.
+            # The sender is busy: nobody subscribes to the selected states.
             with robot_and(process, listens=False) as robot:
                 robot.wait_for(output)
                 rate = 1000.0

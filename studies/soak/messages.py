@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""Messages of arbitrary content, and the names in those that are as they should be."""
+"""Messages of arbitrary content, and the names in valid ones."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _VALUES = (0.0, 1.0, -1.0, np.nan, np.inf, -np.inf, 1e308, -1e308, 5e-324, 1e17,
 
 
 def random_message(rng: np.random.Generator, names: tuple[str, ...]) -> JointState:
-    """Return a message of arbitrary content; its first names are often these."""
+    """Return a message of arbitrary content; its first names are often the valid ones."""
     msg = JointState()
     wide = rng.random() < 0.5
     msg.header.stamp.sec = int(rng.integers(-(2**31), 2**31) if wide else rng.integers(3))

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""A robot that publishes numbered transitions and keeps what comes back."""
+"""A robot that publishes numbered transitions and keeps the replies."""
 
 from __future__ import annotations
 
@@ -31,10 +31,10 @@ QOS = QoSProfile(depth=20_000)
 
 
 class Robot:
-    """Publish numbered transitions, and listen to what the selector says.
+    """Publish numbered transitions, and subscribe to the selector.
 
-    The first channel and the reward of a transition are its number, so that each episode that
-    was collected tells where it comes from.
+    The first channel and the reward of a transition are its number, so that the origin of each
+    collected episode is known.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ class Robot:
         return self._outputs[namespace]
 
     def close(self) -> None:
-        """Leave the graph."""
+        """Destroy the node."""
         self.node.destroy_node()
         rclpy.shutdown(context=self.context)
 
@@ -104,7 +104,7 @@ class Robot:
         self.counts = list(msg.data)
 
     def until(self, condition: Callable[[], bool], what: str, seconds: float = 60.0) -> None:
-        """Spin until a condition holds; raise if it does not in time."""
+        """Spin until a condition holds; raise if that takes too long."""
         deadline = time.monotonic() + seconds
         while not condition():
             if time.monotonic() > deadline:
@@ -118,7 +118,7 @@ class Robot:
             self.executor.spin_once(left)
 
     def settled_transitions(self) -> int:
-        """Return how many transitions the selector has once it has taken all that came."""
+        """Return the number of transitions of the selector once it has processed all."""
         before = None
         while True:
             self.diagnostics.clear()
@@ -129,7 +129,7 @@ class Robot:
             before = now
 
     def wait_for(self, output: str) -> None:
-        """Wait until the node that publishes a topic is there and listens."""
+        """Wait until the node that publishes a topic is running and subscribed."""
         namespace = output.rpartition('/')[0]
         states, _ = self.outputs(namespace)
         self.until(
@@ -145,12 +145,12 @@ class Robot:
 
     @property
     def input(self) -> dict[str, str]:
-        """What the selector says of its input."""
+        """The selector's status of its input."""
         return self.diagnostics.get('selector: input', {})
 
     @property
     def selection(self) -> dict[str, str]:
-        """What the selector says of its selection."""
+        """The selector's status of its selection."""
         return self.diagnostics.get('selector: selection', {})
 
     def transition(self) -> tuple[JointState, JointState]:
@@ -183,7 +183,7 @@ class Robot:
             self.number = number
 
     def select_back_to_back(self) -> None:
-        """From now on, call for a selection whenever the last is answered."""
+        """From now on, request a selection whenever the last one was answered."""
         self.is_selecting = True
 
         def call(answered) -> None:
@@ -207,7 +207,7 @@ class Robot:
         return np.array(latencies)
 
     def numbers_in(self, path: Path) -> list[list[int]]:
-        """Return the episodes of a file, and raise unless each of them was sent as it is."""
+        """Return the episodes of a file; raise unless each was sent exactly so."""
         saved = read_episodes(path, max_episodes=10**6, max_bytes=10**10)
         found = [episode.rewards.astype(int).tolist() for episode in saved.episodes]
         for episode, numbers in zip(saved.episodes, found, strict=True):
@@ -219,7 +219,7 @@ class Robot:
 
 @contextmanager
 def robot_and(*nodes: Process, listens: bool = True) -> Iterator[Robot]:
-    """Give a robot to some nodes, and end them all."""
+    """Provide a robot for some nodes, and end them all."""
     with ExitStack() as stack:
         for node in nodes:
             stack.enter_context(node)

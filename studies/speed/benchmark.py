@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""How long a ranking takes and how good it is: direct port, ours, KDR and the peers.
+"""Time and quality of a ranking: direct port, this package, KDR and the peers.
 
-All methods get the same data of the grid world and take turns, so that what else the machine
-does meets all of them; each measurement is a process of its own.
+All methods get the same data of the grid world and take turns, so that other load on the machine
+affects all of them. Each measurement is a separate process.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from studies.trials.tables import markdown_table
 
 from .measurement import Job, Measurement, job_of, measure
 
-#: In the order of the table; the first is the measure of all others.
+#: In the order of the table; the others are compared with the first.
 TABLE = (
     'direct_port',
     'score_as_port',
@@ -46,14 +46,14 @@ TABLE = (
     'sklearn',
     'forest',
 )
-#: Ours, which share the work among threads of their own.
+#: Methods of this package, which have their own threads.
 OURS = ('score_as_port', 'score', 'default', 'paper')
-#: Those that may be faster with all cores, or with one, whatever they leave to their libraries.
+#: Methods that may be faster with all cores or with one, depending on their libraries.
 CALIBRATED = ('direct_port', 'kdr', 'ennemi')
 
 
 class Row(NamedTuple):
-    """One line of the table: a method with a number of cores, and what was measured of it."""
+    """One line of the table: a method with a number of cores, and its measurements."""
 
     method: str
     cores: int | None
@@ -61,7 +61,7 @@ class Row(NamedTuple):
 
     @property
     def label(self) -> str:
-        """What the table calls it."""
+        """Its name in the table."""
         return METHODS[self.method]
 
     @property
@@ -77,12 +77,12 @@ class Row(NamedTuple):
 
 def row_job(options: argparse.Namespace, method: str, cores: int) -> Job:
     """Return the job of a row."""
-    # Ours has its own threads; the others leave the cores to those of the linear algebra.
+    # This package has its own threads; the others use BLAS threads.
     return job_of(options, method, cores, cores if method in CALIBRATED else 1)
 
 
 def best_cores(options: argparse.Namespace, method: str) -> int:
-    """Return with how many threads, 1 or one a core, a method ranks the first channel faster."""
+    """Return the number of threads, 1 or one per core, with which a method is faster."""
     counts = sorted({1, joblib.cpu_count()})
     if method not in CALIBRATED or len(counts) == 1:
         return 1
@@ -90,7 +90,7 @@ def best_cores(options: argparse.Namespace, method: str) -> int:
 
 
 def rows_of(options: argparse.Namespace) -> list[Row]:
-    """Return the rows to measure; our engine has one for each number of cores."""
+    """Return the rows to measure; this package has one for each number of cores."""
     rows = []
     for method in options.methods:
         if what_is_missing(method):
@@ -103,7 +103,7 @@ def rows_of(options: argparse.Namespace) -> list[Row]:
 
 
 def run_trials(options: argparse.Namespace, rows: Iterable[Row]) -> None:
-    """Measure each row once a trial, in turns."""
+    """Measure each row once per trial, in turns."""
     present = [row for row in rows if row.cores]
     with tqdm(total=options.trials * len(present), file=sys.stderr, disable=None) as bar:
         for seed in range(options.first_seed, options.first_seed + options.trials):
@@ -114,7 +114,7 @@ def run_trials(options: argparse.Namespace, rows: Iterable[Row]) -> None:
 
 
 def summary(options: argparse.Namespace, rows: list[Row]) -> list[dict]:
-    """Return what the table and `--json` show of each row, JSON's types only."""
+    """Return the values of each row for the table and `--json`, as JSON types."""
     relevant = TASKS[options.scenario].relevant
     port = next((r for r in rows if r.method == 'direct_port'), None)
     found = []
@@ -145,7 +145,7 @@ def summary(options: argparse.Namespace, rows: list[Row]) -> list[dict]:
 
 
 def table(options: argparse.Namespace, entries: list[dict]) -> str:
-    """Return the table, and below it how our engine's results compare with the port's."""
+    """Return the table, followed by a comparison of results with the port's."""
     head = ('method', 'cores', 'seconds', 'times faster', 'rank sum', 'peak memory')
     lines, notes = [], []
     for entry in entries:
@@ -173,7 +173,7 @@ def table(options: argparse.Namespace, entries: list[dict]) -> str:
 
 
 def machine() -> dict[str, str]:
-    """Return the day, and what a time depends on besides the code."""
+    """Return the date, the machine and the versions, on which times depend."""
     cpu = platform.processor()
     if Path('/proc/cpuinfo').exists():
         lines = Path('/proc/cpuinfo').read_text().splitlines()
@@ -189,7 +189,7 @@ def machine() -> dict[str, str]:
 
 
 def run(options: argparse.Namespace) -> None:
-    """Measure, then print."""
+    """Measure, then print the table."""
     rows = rows_of(options)
     run_trials(options, rows)
     entries = summary(options, rows)
@@ -207,7 +207,7 @@ def run(options: argparse.Namespace) -> None:
 
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:
-    """Return the options; a bad one ends the program with a sentence."""
+    """Return the options; an invalid one ends the program with a message."""
     parser = study_parser('benchmark', __doc__, trials=5, first_seed=0, has_jobs=False)
     parser.add_argument('--scenario', choices=SCENARIOS, default='with_gravel')
     parser.add_argument('--episodes', type=number_from(2), default=100, help='default 100')
@@ -215,16 +215,16 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
         '--steps',
         type=number_from(2),
         default=MAX_EPISODE_STEPS,
-        help='of an episode; more than 20 are several rounds (default %(default)s)',
+        help='steps per episode; more than 20 are several rounds (default %(default)s)',
     )
     parser.add_argument(
         '--channels',
         type=number_from(4),
         default=NUM_CHANNELS,
-        help='more are more noise (default %(default)s)',
+        help='channels; further ones are noise (default %(default)s)',
     )
     parser.add_argument(
-        '--top', type=number_from(1), help='rank only so many channels (default: all)'
+        '--top', type=number_from(1), help='number of channels to rank (default: all)'
     )
     add_names(parser, '--methods', TABLE, [method for method in TABLE if method != 'paper'])
     parser.add_argument(
@@ -232,9 +232,9 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
         type=numbers_from(1),
         default=sorted({1, joblib.cpu_count()}),
         metavar='N,...',
-        help='numbers of threads of ours (default: 1 and one a core)',
+        help='numbers of threads of this package (default: 1 and one per core)',
     )
-    parser.add_argument('--json', action='store_true', help='print JSON in place of the table')
+    parser.add_argument('--json', action='store_true', help='print JSON instead of the table')
     options = parser.parse_args(arguments)
     if options.top and options.top > options.channels:
         parser.error(f'argument --top: it is {options.top}; there are {options.channels} channels')
@@ -242,7 +242,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Measure and print; return the exit code."""
+    """Run the study; return the exit code."""
     options = parse(arguments)
     return exit_code('benchmark', lambda: run(options))
 

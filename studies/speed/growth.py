@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""How time and memory of our engine grow with episodes, steps and channels.
+"""How time and memory grow with episodes, steps and channels.
 
-Each size is measured several times, each time in a process of its own, on the grid world; the
-slope of the logarithms is the exponent of growth.
+Each size is measured several times, each time in a separate process, on the grid world. The slope
+of the logarithms is the exponent of growth.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from studies.trials.tables import markdown_table
 from .benchmark import machine
 from .measurement import job_of, measure
 
-#: What grows, and the sizes measured unless others are asked for.
+#: Dimensions, and the default sizes to measure.
 SIZES = {
     'episodes': (50, 100, 200, 500, 1000, 2000),
     'steps': (10, 20, 50, 100, 200, 500, 1000),
@@ -39,7 +39,7 @@ SIZES = {
 
 
 class Point(NamedTuple):
-    """One size: the median time of the trials and their greatest memory."""
+    """One size: the median time of the trials and the greatest memory."""
 
     size: int
     seconds: float
@@ -47,11 +47,11 @@ class Point(NamedTuple):
 
 
 def measure_growth(options: argparse.Namespace, dimension: str) -> list[Point]:
-    """Measure all sizes of one dimension; the other dimensions stay as the options say."""
+    """Measure all sizes of one dimension; the options give the others."""
     base = job_of(options, options.method, options.jobs, blas_threads=1)
     sizes = options.sizes or SIZES[dimension]
     measurements = {size: [] for size in sizes}
-    # All sizes once, then all again: what else the machine does meets each of them.
+    # All sizes once, then all again: other load on the machine affects each of them.
     seeds = range(options.first_seed, options.first_seed + options.trials)
     jobs = [
         (size, base._replace(**{dimension: size}, seed=seed)) for seed in seeds for size in sizes
@@ -71,7 +71,7 @@ def exponent(points: Sequence[Point]) -> float:
 
 
 def table(dimension: str, points: Sequence[Point]) -> str:
-    """Return the points as a table, each with the exponent since the one before."""
+    """Return the points as a table, each with the exponent since the previous one."""
     local = ['', *(f'{exponent(pair):.2f}' for pair in itertools.pairwise(points))]
     rows = [
         (point.size, f'{point.seconds:.3g}', slope, f'{point.peak_bytes / 1e6:.0f} MB')
@@ -81,7 +81,7 @@ def table(dimension: str, points: Sequence[Point]) -> str:
 
 
 def save_plot(dimension: str, points: Sequence[Point], path: Path) -> None:
-    """Save time and memory over size."""
+    """Plot time and memory over size."""
     from matplotlib.figure import Figure
 
     sizes, seconds, peaks = (np.array(values) for values in zip(*points, strict=True))
@@ -124,7 +124,7 @@ def run(options: argparse.Namespace) -> None:
 
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:
-    """Return the options; a bad one ends the program with a sentence."""
+    """Return the options; an invalid one ends the program with a message."""
     parser = study_parser('benchmark_growth', __doc__, trials=3, first_seed=0, has_jobs=False)
     parser.add_argument(
         'dimensions',
@@ -132,24 +132,24 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
         type=names_among(SIZES),
         default=','.join(SIZES),
         metavar='DIMENSION,...',
-        help='what grows (default %(default)s)',
+        help='dimensions to vary (default %(default)s)',
     )
     parser.add_argument(
-        '--sizes', type=numbers_from(2), metavar='N,...', help='of the one dimension named'
+        '--sizes', type=numbers_from(2), metavar='N,...', help='sizes, if one dimension is named'
     )
     parser.add_argument('--scenario', choices=SCENARIOS, default='with_gravel')
     parser.add_argument('--episodes', type=number_from(2), default=100, help='default 100')
     parser.add_argument('--steps', type=number_from(2), default=MAX_EPISODE_STEPS)
     parser.add_argument('--channels', type=number_from(4), default=NUM_CHANNELS)
     parser.add_argument(
-        '--top', type=number_from(1), default=8, help='how many channels to rank (default 8)'
+        '--top', type=number_from(1), default=8, help='number of channels to rank (default 8)'
     )
     parser.add_argument('--method', choices=METHODS, default='default')
     parser.add_argument(
         '--jobs',
         type=number_from(1),
         default=joblib.cpu_count(),
-        help='threads of ours (default: one a core)',
+        help='number of threads (default: one per core)',
     )
     parser.add_argument(
         '--out',

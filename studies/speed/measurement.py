@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""One measurement in a process of its own: seconds and peak memory of one ranking.
+"""One measurement in a separate process: seconds and peak memory of one ranking.
 
-A fresh process has the threads of its linear algebra set before NumPy is loaded, and its peak
-memory is that of this ranking alone. The process is this module: it reads a `Job` as JSON from
-its argument and prints a `Measurement` as JSON.
+In a new process the BLAS threads can be set before NumPy is loaded, and the peak memory is that of
+this ranking alone. The process runs this module: it reads a `Job` as JSON from its argument and
+prints a `Measurement` as JSON.
 """
 
 from __future__ import annotations
@@ -34,13 +34,13 @@ class Job(NamedTuple):
     method : str
         One of `METHODS`.
     cores : int
-        How many to use: threads of ours and of ennemi.
+        Number of threads of this package and of ennemi.
     blas_threads : int
-        Threads of the linear algebra in each process.
+        Number of BLAS threads in each process.
     scenario, episodes, steps, channels, seed
-        As of `rollout_scaled`; the seed is also the method's.
+        As in `rollout_scaled`; the method has the same seed.
     top : int, optional
-        How many channels to rank; None ranks all.
+        Number of channels to rank; None ranks all.
 
     """
 
@@ -56,7 +56,7 @@ class Job(NamedTuple):
 
 
 def job_of(options: argparse.Namespace, method: str, cores: int, blas_threads: int) -> Job:
-    """Return the job of a method on the data that the options of a command describe."""
+    """Return the job of a method on the data given by command-line options."""
     return Job(
         method=method,
         cores=cores,
@@ -71,7 +71,7 @@ def job_of(options: argparse.Namespace, method: str, cores: int, blas_threads: i
 
 
 class Measurement(NamedTuple):
-    """The time and the peak of resident memory of a ranking, and the ranking with its scores."""
+    """Time and peak resident memory of a ranking, and the ranking with its scores."""
 
     seconds: float
     peak_bytes: int
@@ -85,7 +85,7 @@ def measure(job: Job) -> Measurement:
     Raises
     ------
     CommandError
-        If it dies, for want of memory for example.
+        If it dies, for example for lack of memory.
 
     """
     process = subprocess.run(
@@ -94,7 +94,7 @@ def measure(job: Job) -> Measurement:
         stdout=subprocess.PIPE,
         text=True,
         check=False,
-        start_new_session=True,  # A terminal's Ctrl-C is for the command, which then ends it.
+        start_new_session=True,  # Ctrl-C is for the command, which then ends this process.
     )
     if process.returncode != 0:
         raise CommandError(f'the process that measured {job} ended with {process.returncode}')
@@ -102,7 +102,7 @@ def measure(job: Job) -> Measurement:
 
 
 def measure_here(job: Job) -> Measurement:
-    """Measure in this process, after a first round that loads what has to be loaded."""
+    """Measure in this process, after a first round that loads and compiles."""
     episodes = rollout_scaled(
         job.scenario, job.episodes, job.seed, num_steps=job.steps, num_channels=job.channels
     )
@@ -125,9 +125,9 @@ def measure_here(job: Job) -> Measurement:
 
 
 def peak_bytes(pid: int) -> int:
-    """Return the greatest resident memory of a process so far, as Linux tells it.
+    """Return the greatest resident memory of a process so far, from Linux.
 
-    Not ru_maxrss, which begins with the memory of the process that started this one.
+    ru_maxrss is unsuitable: it starts with the memory of the parent process.
     """
     lines = Path(f'/proc/{pid}/status').read_text().splitlines()
     (line,) = (line for line in lines if 'VmHWM' in line)
@@ -135,5 +135,5 @@ def peak_bytes(pid: int) -> int:
 
 
 if __name__ == '__main__':
-    signal.signal(signal.SIGPIPE, signal.SIG_DFL)  # Nobody waits any more: end in silence.
+    signal.signal(signal.SIGPIPE, signal.SIG_DFL)  # Nobody is waiting: end without a message.
     print(json.dumps(measure_here(Job(*json.loads(sys.argv[1])))))

@@ -1,28 +1,28 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""Worlds in which sensors matter by what the robot does: what a controller needs to see.
+"""Worlds in which sensors matter through the action: what a controller needs to see.
 
 match
-    A piece of some kind comes; the reward is 1 if it is put into the bin of its kind.
+    A piece of one of several types arrives; the reward is 1 if it is put into the right bin.
 secret_key
     The action is a number, and the reward falls with its distance from 3 k1 - 3 k2 + k3.
 stakes
-    The reward is that of a bet, three times as great while the level is high; the next level is
-    high if the action differs from the key.
+    The reward is that of a bet, tripled while the level is high; the next level is high if the
+    action differs from the key.
 high_stakes
     The same with nine times: who knows the key gives up small bets for a high level.
 mixed
     SEEK's: the reward depends on the action and on s1, and s1 at the next step on s2. Half of the
     other channels are driven by the action, half are independent of everything.
 autoregressive
-    SEEK's: the reward is the action times s1 + s2; the action lets all channels live or die.
+    SEEK's: the reward is the action times s1 + s2; the action determines whether channels persist.
 toy
     That of Castelletti et al. 2011: the reward depends on s0 and the action, s0 at the next step on
     s2, and s2 on the action.
 nothing
     Rewards, actions and channels are independent.
 
-Where a controller is skilled, it takes the best action in all but one of twenty steps.
+A skilled controller takes the best action in 19 of 20 steps.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from numpy.random import Generator
 
 from cmifs_ros.core import Episode
 
-#: Of a skilled controller.
+#: Share of random actions of a skilled controller.
 _SLIPS = 0.05
 
 
@@ -58,9 +58,9 @@ class ControlWorld(NamedTuple):
         channels -> the action of a skilled controller
     channel_names : tuple of str
     num_steps, num_episodes : int
-        As they are usually drawn.
+        Default numbers.
     needed_for : dict of str to tuple of str
-        The channels that each target needs. 'action' is asked of skilled controllers.
+        The channels that each target needs. 'action' applies to skilled controllers.
 
     """
 
@@ -110,7 +110,7 @@ def skilled(world: ControlWorld, channels: np.ndarray, rng: Generator) -> float:
 def rollout_control(
     name: str, num_episodes: int, seed: int, *, is_skilled: bool = False
 ) -> list[Episode]:
-    """Return episodes of one of `CONTROL_WORLDS`, the same ones for the same seed."""
+    """Return episodes of one of `CONTROL_WORLDS`; the same seed gives the same episodes."""
     world = CONTROL_WORLDS[name]
     own, of_policy = [seed, sum(map(ord, name))], np.random.default_rng([seed, is_skilled])
     running = RunningWorld(world, own)

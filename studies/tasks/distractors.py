@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""Channels that have nothing to do with the task, appended to those that may."""
+"""Append channels that are unrelated to the task."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ def with_distractors(
     ----------
     episodes : sequence of Episode
     others : sequence of Episode
-        As many episodes of another robot at the same task, which this one knows nothing of:
-        channels with the very distribution of the relevant ones, independent of the return.
-        Where its episode is the shorter one it stands still.
+        As many episodes of another robot at the same task: channels with the distribution of the
+        relevant ones, but independent of the return. At the end of a shorter episode it stands
+        still.
     seed : int
-        Of the noise and the walks. They are normal, of standard deviation 1 a step; a walk
-        begins anywhere near 0 with standard deviation 1.
+        Seed of the noise and the walks. They are normal with standard deviation 1 per step; a
+        walk begins at a normal value with standard deviation 1.
 
     """
     appended = []

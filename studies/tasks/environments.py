@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""Tasks that others designed: Gymnasium environments, and what their returns depend on.
+"""Gymnasium environments as tasks, and what their returns depend on.
 
 What is relevant follows from the equations of motion and the reward in Gymnasium's source: the
 smallest set of channels that, with the policy here, makes the return independent of the others.
@@ -51,7 +51,7 @@ from cmifs_ros.core import Episode
 
 NUM_STEPS = 30
 RANDOM_ACTION_PROBABILITY = 0.3
-#: Of the values from which the best action follows.
+#: Discount factor for the best action.
 _GAMMA = 0.95
 _SWEEPS = 200
 
@@ -85,7 +85,7 @@ class Environment(NamedTuple):
 
 
 def rollout_environment(name: str, num_episodes: int, seed: int) -> list[Episode]:
-    """Return episodes of at most 30 steps, the same ones for the same seed.
+    """Return episodes of at most 30 steps; the same seed gives the same episodes.
 
     Parameters
     ----------
@@ -93,7 +93,7 @@ def rollout_environment(name: str, num_episodes: int, seed: int) -> list[Episode
         One of `ENVIRONMENTS`.
     num_episodes : int
     seed : int
-        Seeds the environment and, independently, the policy.
+        Seed of the environment and, independently, of the policy.
 
     """
     environment = ENVIRONMENTS[name]
@@ -171,7 +171,7 @@ def _turn_at_random(world) -> Policy:
 
 
 def _mostly_best(world) -> Policy:
-    """Return the policy that mostly takes the best action, by value iteration on world.P."""
+    """Return a policy that mostly takes the best action, from value iteration on world.P."""
     num_actions = len(world.P[0])
     values = np.zeros(len(world.P))
     for _ in range(_SWEEPS):
@@ -267,5 +267,5 @@ ENVIRONMENTS = {
         _act_at_random,
     ),
 }
-#: Those of `ENVIRONMENTS` that need MuJoCo.
+#: The environments that need MuJoCo.
 MUJOCO = ('reacher', 'inverted_pendulum')

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""Another reading of the paper's world: gravel that is laid once."""
+"""Another reading of the paper's world: gravel that is placed once."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from cmifs_ros.sim import GridWorld
 
 
 class FixedGravelWorld(GridWorld):
-    """The grid world with gravel that lies where it lay in the first episode."""
+    """The grid world with gravel in the same places in all episodes."""
 
     _first: np.ndarray | None = None
 

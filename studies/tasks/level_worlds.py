@@ -1,30 +1,30 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""Worlds in which a test easily takes an irrelevant sensor for a relevant one.
+"""Worlds in which a test easily confirms an irrelevant sensor.
 
 cosine_of_pendulum, angle_of_pole
-    Gymnasium's, of whose states a single channel is shown.
+    Gymnasium environments with a single visible channel.
 vibration
-    Each reading shows the outcome of the episode in part, by the scale of a vibration.
+    Each reading partly shows the outcome of the episode, by the scale of a vibration.
 fading, late
-    What is hidden shows in the first steps only, or in the last ones.
+    The hidden state is visible in the first steps only, or in the last ones.
 counts
     Readings and rewards count events of a hidden rate.
 the_better_the_longer, falls
-    Each step has the reward 1 until a fall, the later the better the grip, or at random.
+    Each step has the reward 1 until a fall, which comes later with a better grip, or at random.
 heavy_tails
-    The noise of the rewards is of Student's law with 1.5 degrees of freedom, so without variance.
+    The noise of the rewards has Student's distribution with 1.5 degrees of freedom: no variance.
 unequal_noise
-    The noise of the rewards grows with what is seen.
+    The noise of the rewards grows with the visible channel.
 windows_memory_0, ..._50, ..._200, ..._1000
-    A single drive cut into windows. The reward remembers so many steps, and none of the sensors
-    has to do with it, each of a memory of its own.
+    A single drive cut into windows. The reward has a memory of this many steps. No sensor is
+    related to it; each has its own memory.
 fleet, fleet_without_sources
-    Robots of 12 episodes each. Each has its own mean reward, and its own zero of each sensor; that
-    of which robot an episode is from is told, or not.
+    Robots of 12 episodes each. Each has its own mean reward, and its own zero of each sensor; the
+    robot of an episode is given, or not.
 
-Beside the shown channels, `IRRELEVANT` ones of four kinds are in each of them: constant in an
-episode, slow, white, and the shown ones of an independent recording.
+Each world also has `IRRELEVANT` channels of four kinds: constant in an episode, slow, white, and
+the visible ones of an independent recording.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ class LevelWorld(NamedTuple):
     shown : tuple of str
         Names of its channels. Those that begin with 'other' are irrelevant.
     episodes : tuple of int
-        How many of them the study of the level draws.
+        Numbers of episodes that the study of the level draws.
 
     """
 
@@ -70,7 +70,7 @@ class LevelWorld(NamedTuple):
 
     @property
     def channel_names(self) -> tuple[str, ...]:
-        """Names of the channels shown, and of the irrelevant ones."""
+        """Names of the visible channels and of the irrelevant ones."""
         others = (f'other_{name}' for name in self.shown if name in self.relevant)
         return (*self.shown, *IRRELEVANT, *others)
 
@@ -81,10 +81,10 @@ class LevelWorld(NamedTuple):
 
 
 def rollout_level(name: str, num_episodes: int, seed: int) -> list[Episode]:
-    """Return episodes of one of `LEVEL_WORLDS` with irrelevant sensors beside.
+    """Return episodes of one of `LEVEL_WORLDS` with irrelevant sensors.
 
-    They are the same for the same seed, and differ from world to world: rows of a table should not
-    share their luck.
+    The same seed gives the same episodes, but different ones in each world, so that the rows of a
+    table are independent.
     """
     world, entropy = LEVEL_WORLDS[name], [seed, *name.encode()]
     own, other, rest = (int(s) for s in np.random.SeedSequence(entropy).generate_state(3))
@@ -114,12 +114,12 @@ def irrelevant(num_steps: int, seed: int, number: int) -> np.ndarray:
 
 
 def _as_long(states: np.ndarray, num_steps: int) -> np.ndarray:
-    """Return states of so many steps; a shorter episode stands still at its end."""
+    """Return states of a number of steps; a shorter episode repeats its last state."""
     return states[np.minimum(np.arange(num_steps), len(states) - 1)]
 
 
 def _each(draw: Callable, num_episodes: int, seed: int) -> list[Episode]:
-    """Return independent episodes of what `draw` makes of a generator: one channel and rewards."""
+    """Return independent episodes from `draw`, which returns one channel and the rewards."""
     drawn = (draw(np.random.default_rng([seed, i])) for i in range(num_episodes))
     return [Episode(channel[:, None], rewards) for channel, rewards in drawn]
 
@@ -181,7 +181,7 @@ def _unequal_noise(rng):
 
 
 def _remembering(noise: np.ndarray, num_steps: int) -> np.ndarray:
-    """Return a stationary process of variance 1 that forgets in so many steps, from white noise."""
+    """Return a stationary process of variance 1 with a memory of some steps, from white noise."""
     share = np.exp(-1 / num_steps) if num_steps else 0.0
     new = np.append(noise[:1], np.sqrt(1 - share**2) * noise[1:])
     return lfilter([1.0], [1.0, -share], new)
@@ -230,5 +230,5 @@ LEVEL_WORLDS = {
     'fleet': LevelWorld(partial(_fleet, True), ('x',)),
     'fleet_without_sources': LevelWorld(partial(_fleet, False), ('x',)),
 }
-#: Those that need Gymnasium.
+#: Worlds that need Gymnasium.
 OF_GYMNASIUM = ('cosine_of_pendulum', 'angle_of_pole')

@@ -25,7 +25,7 @@ STEP_SECONDS = 0.2
 SPEED = 1.0
 SIZE = 10.0
 GOAL = (9.0, 5.0)
-#: How near is near enough, and how near to start and goal no obstacle is.
+#: Distance at which the goal is reached, and least distance of obstacles from start and goal.
 GOAL_RADIUS = 0.5
 CLEARANCE = 1.2
 RANGE_MAX = 4.0
@@ -62,12 +62,12 @@ obstacle:
 
 
 class LidarWorld:
-    """The world without what cannot matter: episode by episode, step by step.
+    """The world without irrelevant sensors: episode by episode, step by step.
 
     Parameters
     ----------
     rng : numpy.random.Generator
-        Draws start, obstacles and how the robot drives.
+        Draws start, obstacles and driving noise.
     step_seconds : float, optional
     num_rays : int, optional
 
@@ -101,16 +101,16 @@ class LidarWorld:
         return self._observe()
 
     def step(self) -> tuple[np.ndarray, float, bool]:
-        """Drive a step; return what is observed then, the reward, and if the episode has ended."""
+        """Drive a step; return the observation, the reward, and whether the episode has ended."""
         return self.move(self.steer())
 
     def steer(self) -> np.ndarray:
-        """Return a velocity in m/s, shape (2,), by which the robot would drive now."""
+        """Return the velocity in m/s, shape (2,), at which the robot would drive now."""
         way = np.array(GOAL) - self._robot.state[:2, 0]
         return SPEED * way / np.linalg.norm(way) + self._rng.normal(0, 0.7, size=2)
 
     def move(self, velocity: np.ndarray) -> tuple[np.ndarray, float, bool]:
-        """Drive a step with a velocity; return what `step` does."""
+        """Drive a step with a velocity; return the same as `step`."""
         self._env.step(velocity[:, None])
         observation = self._observe()
         if self._robot.collision:
@@ -125,7 +125,7 @@ class LidarWorld:
 def rollout_lidar_world(num_episodes: int, seed: int) -> list[Episode]:
     """Return episodes of at most 60 steps, the same ones bit for bit for the same seed.
 
-    Where the other robot's episode is the shorter one it stands still.
+    At the end of a shorter episode the other robot stands still.
     """
     own, other, rest = np.random.SeedSequence(seed).spawn(3)
     driven = _drive(np.random.default_rng(own), num_episodes)
@@ -145,7 +145,7 @@ def rollout_lidar_world(num_episodes: int, seed: int) -> list[Episode]:
 
 
 def _drive(rng: np.random.Generator, num_episodes: int) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Return what is observed (T, 14) and the rewards (T,) of each episode."""
+    """Return the observations (T, 14) and rewards (T,) of each episode."""
     world = LidarWorld(rng)
     driven = []
     for _ in range(num_episodes):

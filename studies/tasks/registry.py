@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""The tasks on which methods are compared, by name."""
+"""The tasks for comparing methods, by name."""
 
 from __future__ import annotations
 
@@ -29,18 +29,18 @@ from .synthetic import WORLDS, rollout_world
 
 
 class Task(NamedTuple):
-    """A task and the truth about it.
+    """A task and its ground truth.
 
     Attributes
     ----------
     rollout : callable
-        (number of episodes, seed) -> list of Episode; those of a smaller number are the first
-        ones of a larger one.
+        (number of episodes, seed) -> list of Episode; a smaller number gives the first ones of a
+        larger number.
     channel_names : tuple of str
     relevant : tuple of int
         The sensors that should rank first, as indices of `sensor_names`.
     target : tuple of int
-        The channels that the reward depends on directly; KDR is told them.
+        The channels that the reward depends on directly; KDR is given them.
     groups : dict of str to tuple of str
         Sensors of several channels. Every other channel is a sensor of its own.
 
@@ -54,7 +54,7 @@ class Task(NamedTuple):
 
     @property
     def sensors(self) -> dict[str, tuple[int, ...]]:
-        """Each sensor's channels, in the order of their first ones, as the selectors count."""
+        """Each sensor's channels, in the order of their first ones, as in the selectors."""
         group_of = {name: group for group, names in self.groups.items() for name in names}
         sensors: dict[str, tuple[int, ...]] = {}
         for index, name in enumerate(self.channel_names):
@@ -74,7 +74,7 @@ class Task(NamedTuple):
 
     @property
     def chance(self) -> float:
-        """The rank sum to expect of a random order."""
+        """The expected rank sum of a random order."""
         return len(self.relevant) * (len(self.sensors) + 1) / 2
 
 
@@ -84,7 +84,7 @@ def task_of(
     relevant: tuple[str, ...],
     groups: dict[str, tuple[str, ...]],
 ) -> Task:
-    """Return a task from the names of what is relevant; KDR is told the first of it."""
+    """Return a task from the names of the relevant channels; KDR is given the first."""
     task = Task(rollout_task, channel_names, (), (0,), groups)
     names = task.sensor_names
     target = task.sensors[relevant[0]] if relevant else (0,)
@@ -111,9 +111,9 @@ def rollout_scaled(
 ) -> list[Episode]:
     """Return episodes of the grid world in another size.
 
-    A longer episode is several of 20 steps, one after the other, as if the robot was carried
-    back to the start each time. Channels beyond 14 are noise, rounded down like that of the
-    world; with fewer the last ones are left out.
+    A longer episode consists of several of 20 steps, as if the robot were carried back to the start
+    each time. Channels beyond 14 are noise, rounded down like that of the world; with fewer, the
+    last ones are left out.
     """
     rounds = -(-num_steps // MAX_EPISODE_STEPS)
     parts = rollout(scenario, num_episodes * rounds, seed)
@@ -129,7 +129,7 @@ def rollout_scaled(
 
 
 def what_is_missing(task: str) -> str | None:
-    """Return how to install the package that a task needs and that is not here, or None."""
+    """Return how to install the missing package of a task, or None."""
     if task in (*ENVIRONMENTS, *OF_GYMNASIUM) and find_spec('gymnasium') is None:
         return 'not installed: python3 -m pip install gymnasium'
     if task in MUJOCO and find_spec('mujoco') is None:
@@ -139,9 +139,9 @@ def what_is_missing(task: str) -> str | None:
     return None
 
 
-#: Those that ask about the evidence alone, not about the order of the sensors.
+#: Tasks for the evidence alone, not for the order of the sensors.
 OF_EVIDENCE = (*REWARD_WORLDS, *LEVEL_WORLDS)
-#: In the scenarios the reward depends on s(1) directly, as the paper tells its rival.
+#: In the scenarios the reward depends directly on s(1), which the paper gives to its baseline.
 TASKS = (
     {
         'without_gravel': Task(

@@ -1,23 +1,23 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""Synthetic worlds that ask how rewards are written, and how much a sensor adds.
+"""Synthetic worlds about the form of rewards, and about how much a sensor adds.
 
 readme_reward_0.1, readme_reward_1, readme_reward_10
-    The reward of the README: some centimetres of progress a step, and in the end a success or an
-    abort that counts so many times. Success depends on the grip.
+    The reward of the README: some centimetres of progress per step, and at the end a success or an
+    abort with this weight. Success depends on the grip.
 rare_goal
-    A goal is reached in 4 % of the episodes, by those that aim well; every step has a noisy cost.
+    A goal is reached in 4 % of the episodes, those that aim well; every step has a noisy cost.
 one_great_penalty
     The third episode has a penalty of 10,000; elsewhere the reward is x with noise.
 weak_sensor
-    A sensor of a twentieth of the weight of another one, among ten of noise.
+    A sensor with a twentieth of the weight of another one, among ten noise sensors.
 grasps
-    Force readings are small and quiet in good grasps, and anything up to a thousand times as great
-    in failed ones. Either force shows it.
+    Force readings are small and quiet in good grasps, and up to a thousand times greater in failed
+    ones. Either force shows it.
 three_percent
     Beside a strong sensor, which explains 40 % of the variance of the return, a weak one adds 3 %.
 faint_switches, faint_product
-    Two switches, or two numbers, that matter only together, and add 10 %.
+    Two switches, or two numbers, matter only together and add 10 %.
 
 The shares hold for the return with `GAMMA`, given the step, and are exact: see `_Discounted`.
 """
@@ -59,7 +59,7 @@ class _Discounted:
 
 
 def _weights_of_shares(*shares: float) -> np.ndarray:
-    """Return the weights with which channels explain these shares beside noise of variance 1."""
+    """Return the weights with which channels explain these shares, given noise of variance 1."""
     sums = _Discounted(PERSISTENCE)
     squares = np.array(shares) / sums.explained  # of the weights, in units of the variance
     variance = sums.of_noise / (1 - squares.sum() * sums.of_channel)
@@ -85,7 +85,7 @@ def _rare_goal(rng, number):
     channels[:, 0] += 0.3 * rng.normal(size=20)
     channels[:, 1] = rng.normal()
     rewards = -0.05 * np.abs(rng.normal(size=20))
-    # 4 % of a normal law of this variance lie above.
+    # 4 % of a normal distribution with this variance lie above.
     rewards[-1] += aim + 0.3 * rng.normal() > 1.75 * np.hypot(1, 0.3)
     return channels, rewards
 

@@ -1,32 +1,32 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""Small worlds made for one question each, in which the truth is known by construction.
+"""Small worlds for one question each, with a known truth.
 
 point_robot
     A robot at 50 Hz on a noisy, damped spring in the plane. A step costs the distance from the
-    origin, and 1 more while the battery is below 20. Where the robot will be depends on position
-    and velocity, but the spring takes seconds and so do the episodes: x, y and battery are
-    relevant, and velocity may stand in partly.
+    origin, plus 1 while the battery is below 20. The future position depends on position and
+    velocity, but the spring is slow compared with the episodes: x, y and battery are relevant, and
+    velocity is partly redundant with them.
 copy, noisy_copy
-    Of the stronger of two relevant sensors there is a second one that tells the same, or the same
-    with noise. The first one and the weaker sensor are relevant.
+    The stronger of two relevant sensors has a copy, exact or with noise. The original and the
+    weaker sensor are relevant.
 dead_channel
-    Beside the two relevant sensors there is one that never changes.
+    In addition to two relevant sensors there is one that never changes.
 two_switches
-    The reward is 1 if one of two switches is on, but not both: each by itself is uninformative.
+    The reward is 1 if exactly one of two switches is on: each alone is uninformative.
 wild_readings, one_wild_reading
-    The only relevant sensor, a range, reads 65535 in 2 % of the steps, or once of all.
+    The only relevant sensor, a range, reads 65535 in 2 % of the steps, or once.
 one_of_twelve, twelve_of_noise
-    A sensor of twelve channels, of which the first is all that the reward depends on beside x; or
-    none is, and x and y are relevant.
+    A sensor of twelve channels, of which only the first is relevant, in addition to x; or none is,
+    and x and y are relevant.
 drift
     The policy improves from episode to episode, and the motor warms up. Nothing is relevant.
 wandering
-    The return and three sensors wander from episode to episode, each by itself.
+    The return and three sensors drift from episode to episode, independently.
 independent_noise
-    Neither are the channels to the rewards nor is anything to anything else.
+    Channels and rewards are all independent of each other.
 beside
-    White noise, a random walk and another robot's channel beside the only relevant sensor.
+    White noise, a random walk and another robot's channel, in addition to the relevant sensor.
 """
 
 from __future__ import annotations
@@ -42,9 +42,9 @@ from cmifs_ros.core import Episode
 NUM_STEPS = 12
 WILD_READING = 65535.0
 LOW_BATTERY = 20.0
-#: Of an `ar` channel with itself one step later.
+#: Autocorrelation of an `ar` channel at a lag of one step.
 PERSISTENCE = 0.9
-#: How much of the age of the robot, from 0 to 1, is behind it with each episode.
+#: Increase of the age of the robot, from 0 to 1, with each episode.
 AGEING = 0.025
 
 _SECONDS = 0.02  # a step of the point robot
@@ -72,12 +72,12 @@ class World(NamedTuple):
 
 
 def rollout_synthetic(name: str, num_episodes: int, seed: int) -> list[Episode]:
-    """Return episodes of one of `WORLDS`, the same ones bit for bit for the same seed."""
+    """Return episodes of one of `WORLDS`; the same seed gives the same ones bit for bit."""
     return rollout_world(WORLDS[name], num_episodes, seed)
 
 
 def rollout_world(world: World, num_episodes: int, seed: int) -> list[Episode]:
-    """Return episodes of a world, each drawn by a generator of its own."""
+    """Return episodes of a world, each drawn by its own generator."""
     draw = world.draw
     return [Episode(*draw(np.random.default_rng([seed, i]), i)) for i in range(num_episodes)]
 
@@ -85,7 +85,7 @@ def rollout_world(world: World, num_episodes: int, seed: int) -> list[Episode]:
 def ar(
     rng: np.random.Generator, num_steps: int, num_channels: int, persistence: float = PERSISTENCE
 ) -> np.ndarray:
-    """Return stationary normal channels of variance 1, each correlated with itself in time."""
+    """Return stationary, autocorrelated normal channels of variance 1."""
     values = rng.normal(size=(num_steps, num_channels))
     for t in range(1, num_steps):
         values[t] = persistence * values[t - 1] + np.sqrt(1 - persistence**2) * values[t]
@@ -109,7 +109,7 @@ def _point_robot(rng, number):
 
 
 def _strong_and_weak(rng, number, add):
-    """Return x, y, four of noise and what `add` makes of generator and x."""
+    """Return x, y, four noise channels, and the result of `add` for generator and x."""
     channels = ar(rng, NUM_STEPS, 6)
     rewards = channels[:, 0] + 0.4 * channels[:, 1] + 0.3 * rng.normal(size=NUM_STEPS)
     return np.column_stack([channels, add(rng, channels[:, 0])]), rewards
@@ -160,7 +160,7 @@ def _drift(rng, number):
 
 
 def _wandering(rng, number):
-    seed, _ = rng.bit_generator.seed_seq.entropy  # All episodes have one wandering.
+    seed, _ = rng.bit_generator.seed_seq.entropy  # All episodes share one drift.
     level = ar(np.random.default_rng(seed), number + 1, 4)[-1]
     sensors = level[:3] + 0.05 * rng.normal(size=(NUM_STEPS, 3))
     channels = np.hstack([sensors, rng.normal(size=(NUM_STEPS, 3))])
@@ -180,7 +180,7 @@ def _beside(rng, number):
 
 
 def noise_names(count: int) -> tuple[str, ...]:
-    """Return names of so many channels of noise."""
+    """Return names of noise channels."""
     return tuple(f'noise_{i}' for i in range(1, count + 1))
 
 

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""The options that studies share, each written once."""
+"""The options that studies share."""
 
 from __future__ import annotations
 
@@ -20,22 +20,22 @@ def study_parser(
     least_episodes: int = 2,
     has_jobs: bool = True,
 ) -> argparse.ArgumentParser:
-    """Return a parser of what a study of trials is asked.
+    """Return a parser for a study of trials.
 
     Parameters
     ----------
     program, text : str
-        Its name; what it does, as its module's docstring.
+        Its name and description, such as the docstring of the module.
     trials : int
-        How many there are by default.
+        Default number of trials.
     first_seed : int, optional
-        That of trial 0 by default; without it the study has seeds of its own.
+        Default seed of trial 0; None: the study has its own seeds.
     episodes : str, optional
-        Numbers of episodes by default, with commas between; without it they are not asked for.
+        Default numbers of episodes, separated by commas; None: no such option.
     least_episodes : int
-        The least of them that the study can do with.
+        Least number of episodes for the study.
     has_jobs : bool
-        Whether trials run side by side.
+        Whether trials run in parallel.
 
     """
     parser = argparse.ArgumentParser(
@@ -59,14 +59,16 @@ def study_parser(
             help='default %(default)s',
         )
     if has_jobs:
-        parser.add_argument('--jobs', type=number_from(1), help='processes (default: one a core)')
+        parser.add_argument(
+            '--jobs', type=number_from(1), help='number of processes (default: one per core)'
+        )
     return parser
 
 
 def add_names(
     parser: argparse.ArgumentParser, option: str, choices: Collection[str], default: Collection[str]
 ) -> None:
-    """Add an option that takes names, such as those of methods."""
+    """Add an option for names, such as those of methods."""
     parser.add_argument(
         option,
         type=names_among(list(choices)),
@@ -77,10 +79,10 @@ def add_names(
 
 
 def add_log(parser: argparse.ArgumentParser) -> None:
-    """Add the file that keeps the trials."""
+    """Add the option for the file of trials."""
     parser.add_argument(
         '--log',
         type=file_to_write,
         metavar='FILE',
-        help='CSV file of the trials; those that it holds are not run again',
+        help='CSV file of the trials; trials in it are not run again',
     )

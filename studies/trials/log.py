@@ -14,17 +14,17 @@ COLUMNS = ('scenario', 'method', 'episodes', 'trial', 'seed', 'ranking', 'second
 
 
 class TrialLog:
-    """Read the trials that a file holds, and add to it, each at once.
+    """Read the trials in a file, and append each finished trial.
 
-    `ranking` holds numbers, separated by blanks: indices from 0, or what else a study finds. A last
-    line without its end, as a process that was killed leaves it, is dropped.
+    `ranking` holds numbers separated by blanks: indices from 0, or other results of a study. An
+    incomplete last line, left by a killed process, is dropped.
 
     Parameters
     ----------
     path : pathlib.Path, optional
-        Made if it does not exist; without it nothing is kept.
+        Created if it does not exist; None: nothing is saved.
     number : callable
-        Reads a number of a ranking.
+        Parses a number of a ranking.
 
     Attributes
     ----------
@@ -33,7 +33,7 @@ class TrialLog:
     Raises
     ------
     ValueError
-        If the file holds something else.
+        If the file has other contents.
 
     """
 
@@ -60,7 +60,7 @@ class TrialLog:
                 found = tuple(map(self._number, ranking.split()))
                 self.outcomes[key] = Outcome(key, found, float(seconds))
             except ValueError as error:
-                raise ValueError(f'{path}, line {line} is no trial: {row} ({error})') from error
+                raise ValueError(f'{path}, line {line} is not a trial: {row} ({error})') from error
 
     def add(self, outcome: Outcome) -> None:
         """Write one finished trial."""

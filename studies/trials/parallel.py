@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""Runs many trials side by side, on this machine or on a Dask cluster."""
+"""Run many trials in parallel, on this machine or on a Dask cluster."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ T = TypeVar('T')
 def results_of(
     function: Callable[..., T], arguments: Iterable[tuple], jobs: int | None = None
 ) -> Iterator[Iterator[T]]:
-    """Give an iterator over the results of many calls, in the order in which they are ready."""
+    """Return an iterator over the results of many calls, in the order of completion."""
     parallel = joblib.Parallel(
         n_jobs=jobs or -1,
         batch_size=1,
-        # An old joblib gives results in order only: a row then waits for those before it.
+        # An old joblib returns results in order only: a row waits for those before it.
         return_as='generator' if IS_OLD_JOBLIB else 'generator_unordered',
     )
-    # A terminal's Ctrl-C reaches the workers too; they inherit that they ignore it. A blocked one
+    # Ctrl-C in a terminal reaches the workers, too; they inherit ignoring it. A blocked one
     # would not be lost meanwhile, but loky unblocks it.
     handler = signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
@@ -57,18 +57,18 @@ def finish(
     ----------
     trials : sequence of Trial
     log : TrialLog
-        Gets each trial as soon as it is ready.
+        Receives each trial when it is finished.
     jobs : int, optional
-        Processes; None takes one a core.
+        Number of processes; None: one per core.
     scheduler : str, optional
-        Address of the Dask scheduler whose cluster runs them.
+        Address of a Dask scheduler to run them.
     run : callable
         Runs one trial.
 
     Raises
     ------
     CommandError
-        If the cluster cannot be used.
+        If the cluster is unusable.
 
     """
     missing = [trial for trial in trials if trial not in log.outcomes]

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""What a table says of several trials."""
+"""Statistics over trials for tables."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""Tables as Markdown."""
+"""Markdown tables."""
 
 from __future__ import annotations
 
@@ -8,6 +8,6 @@ from collections.abc import Iterable, Sequence
 
 
 def markdown_table(head: Sequence, rows: Iterable[Sequence]) -> str:
-    """Return a table of a head and rows of cells, each with a line end."""
+    """Return a table from a head and rows of cells."""
     lines = [head, ['---' for _ in head], *rows]
     return ''.join(f'| {" | ".join(map(str, line))} |\n' for line in lines)

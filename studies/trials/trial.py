@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""Trials: a method ranks the channels of a task, and how well it did.
+"""Trials: a method ranks the channels of a task, and its result.
 
-A module of its own, so that processes and machines that run trials can import it.
+A separate module, so that processes and machines that run trials can import it.
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ class Trial(NamedTuple):
     method : str
         One of `METHODS`, or a question of the study's own.
     episodes : int
-        The first so many episodes that the task rolls out from the seed: those of a smaller
-        trial are among those of a larger one.
+        Number of episodes that the task rolls out from the seed; a smaller trial has the first
+        ones of a larger one.
     number : int
-        Which of the repetitions it is, from 0.
+        Number of the repetition, from 0.
     seed : int
-        Of the episodes and of everything random in the method.
+        Seed of the episodes and of everything random in the method.
 
     """
 
@@ -45,9 +45,9 @@ class Trial(NamedTuple):
 
 
 class Outcome(NamedTuple):
-    """What a trial gave: indices of the features from 0, best first, and the computing time.
+    """The result of a trial: indices of the features from 0, best first, and computing time.
 
-    With an automatic number these are the features selected. A study may keep other numbers.
+    With an automatic number, these are the selected features. A study may store other numbers.
     """
 
     trial: Trial
@@ -65,15 +65,15 @@ class Outcome(NamedTuple):
 
 
 class Results:
-    """The outcomes of a study, sorted; nothing depends on the order in which they were ready."""
+    """The outcomes of a study, sorted, so that the order of completion does not matter."""
 
     def __init__(self, outcomes: Iterable[Outcome]):
         self._outcomes = sorted(outcomes)
-        #: The methods there are.
+        #: The existing methods.
         self.methods = {outcome.trial.method for outcome in self._outcomes}
 
     def episodes(self, scenario: str) -> list[int]:
-        """Return the numbers of episodes there are trials of."""
+        """Return the numbers of episodes of the trials."""
         return sorted({o.trial.episodes for o in self._outcomes if o.trial.scenario == scenario})
 
     def of(self, scenario: str, method: str, episodes: int) -> list[Outcome]:
@@ -86,12 +86,14 @@ class Results:
 
 
 def run_trial(trial: Trial) -> Outcome:
-    """Rank the features once; the same trial gives the same ranking wherever it runs."""
+    """Rank the features once; the same trial gives the same ranking on any machine."""
     task = TASKS[trial.scenario]
     episodes = task.rollout(trial.episodes, trial.seed)
     start = time.perf_counter()
     with warnings.catch_warnings():
-        warnings.simplefilter('ignore', UserWarning)  # What data cannot show, a study asks itself.
+        warnings.simplefilter(
+            'ignore', UserWarning
+        )  # Studies check themselves what the data cannot show.
         ranking = rank(
             trial.method, episodes, target=task.target, seed=trial.seed, sensors=task.sensors
         ).channels

@@ -82,7 +82,7 @@ def test_where_most_episodes_lack_actions_none_is_used_and_that_is_told(start, r
     else:
         assert reply['error'].startswith("target is 'action', but the episodes have no actions")
     assert 'of 30 episodes have an action at every step: actions are not used' in node.output
-    assert 'an episode has an action at some of its steps only' in node.output
+    assert 'an episode has actions at some of its steps only' in node.output
 
 
 def test_what_a_skilled_robot_looks_at_shows_in_its_own_topics_without_a_reward(

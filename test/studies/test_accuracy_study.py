@@ -91,7 +91,7 @@ def test_what_is_not_installed_is_left_out_and_named(capsys, monkeypatch):
     assert '| chain | 12 |' in output
     assert '| taxi' not in output
     assert main([*TINY, '--tasks', 'taxi']) == 1
-    assert 'nothing of what was asked for is installed' in capsys.readouterr().err
+    assert 'none of the requested packages is installed' in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

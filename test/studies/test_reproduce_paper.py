@@ -158,7 +158,7 @@ def test_a_file_that_is_no_log_of_trials_is_refused(tmp_path):
     TrialLog(path)
     with path.open('a') as file:
         file.write('6a,without_gravel,kdr,many,0,0,0 1,0.1\n')
-    with pytest.raises(ValueError, match='line 2 is no trial'):
+    with pytest.raises(ValueError, match='line 2 is not a trial'):
         TrialLog(path)
     assert main([*TINY, '--out', str(tmp_path)]) == 1
 
