@@ -13,7 +13,7 @@ from typing import Any
 
 from cmifs_ros.core.effect import Effect
 from cmifs_ros.core.selection import Selection, SensorResult
-from cmifs_ros.core.statuses import CONFIRMED, DISPENSABLE
+from cmifs_ros.core.statuses import CONFIRMED, DISPENSABLE, FEWEST_EPISODES, UNDECIDED
 from cmifs_ros.core.targets import ACTION, DECISION, RETURN
 from cmifs_ros.core.words import counted, first, listed, short
 
@@ -26,6 +26,8 @@ from .traffic import Rate, rate_in_words
 _ALPHA = 0.05
 #: Largest excess of the standard error for which the number of episodes can be estimated.
 _MAX_EXCESS = 100
+#: Up to this share of undecided sensors no other target is advised.
+_FEW = 0.25
 _SCOPES = {
     RETURN: 'This is about the return under the recorded controller. A controller that is to be '
     'learned or changed may need other sensors: target decision.',
@@ -60,13 +62,15 @@ class Item:
 class Advice:
     """What to keep, what can go, and what is undecided; all empty if nothing was tested.
 
-    `scope` is a sentence: which question the advice answers.
+    `scope` is a sentence: which question the advice answers. `hints` are sentences that say how to
+    decide what is undecided.
     """
 
     scope: str = ''
     keep: tuple[Item, ...] = ()
     can_go: tuple[Item, ...] = ()
     undecided: tuple[Item, ...] = ()
+    hints: tuple[str, ...] = ()
 
 
 def advice_of(
@@ -119,7 +123,25 @@ def advice_of(
         else:
             more = _most([_more_episodes(s, selection) for s in found])
             undecided.append(Item(name, _added(name, sensors, _range), rate, more))
-    return Advice(_SCOPES[selection.target], tuple(keep), tuple(can_go), tuple(undecided))
+    lists = tuple(keep), tuple(can_go), tuple(undecided)
+    return Advice(_SCOPES[selection.target], *lists, _hints(selection))
+
+
+def _hints(selection: Selection) -> tuple[str, ...]:
+    if selection.episodes < FEWEST_EPISODES:
+        episodes = counted(selection.episodes, 'episode')
+        return (
+            f'From {episodes} nothing can be called dispensable; expected at least '
+            f'{FEWEST_EPISODES}, better 50.',
+        )
+    undecided = [sensor for sensor in selection.sensors if sensor.status == UNDECIDED]
+    if selection.target == RETURN and len(undecided) > max(1, _FEW * len(selection.sensors)):
+        return (
+            f'{len(undecided)} of {counted(len(selection.sensors), "sensor")} are undecided. Try '
+            'target: decision, in the robot file or as --target decision. It looks one step ahead, '
+            'where fewer episodes often decide; it needs the actions, if there are any.',
+        )
+    return ()
 
 
 def _added(name: str, sensors: Sequence[SensorResult], said) -> tuple[str, ...]:
@@ -178,7 +200,8 @@ def _more_episodes(sensor: SensorResult | None, selection: Selection) -> int | N
     needed = max(to_confirm, to_dispense)  # One is positive, as the margin is.
     if not needed < effect.error <= _MAX_EXCESS * needed:
         return None
-    return _rounded_up(selection.episodes * ((effect.error / needed) ** 2 - 1))
+    more = selection.episodes * ((effect.error / needed) ** 2 - 1)
+    return _rounded_up(max(more, FEWEST_EPISODES - selection.episodes))
 
 
 def _rounded_up(number: float) -> int:
@@ -208,7 +231,7 @@ def advice_lines(advice: Advice, most: int = 12) -> list[str]:
         lines += [f'  {text_of(item)}' for item in items[:most]]
         if len(items) > most:
             lines.append(f'  and {len(items) - most} more')
-    return lines
+    return lines + [line for hint in advice.hints for line in textwrap.wrap(hint, LINE_WIDTH)]
 
 
 def headed(advice: Advice) -> list[tuple[str, Sequence[Item]]]:

@@ -46,6 +46,7 @@ def fields_of(selection: Selection, topics: SensorTopics | None = None) -> dict[
         'predicted_share': selection.predicted_share,
         'predicted_share_of_all': selection.predicted_share_of_all,
         'margin': selection.margin,
+        'level': selection.level,
         'warnings': selection.warnings,
         'doubt': selection.doubt,
         'advice': advice_fields(advice_of(selection, *(topics or ()))),
@@ -86,6 +87,7 @@ def selection_of(fields: dict[str, Any]) -> Selection:
         predicted_share=_number_or_none(fields['predicted_share']),
         predicted_share_of_all=_number_or_none(fields['predicted_share_of_all']),
         margin=_number_or_none(fields['margin']),
+        level=_number_or_none(fields.get('level')),  # Absent in old files.
         warnings=tuple(_text(text) for text in list_of(fields['warnings'])),
         doubt=_text(fields.get('doubt', '')),  # Files of before have none.
     )
@@ -127,6 +129,7 @@ def _sensor_of(fields: dict[str, Any]) -> SensorResult:
         stability=_number_or_none(fields['stability']),
         effect=None if effect is None else _effect_of(effect),
         why=_text(fields['why']),
+        together_with=names_of(fields.get('together_with', []), MAX_CHANNELS),  # As level.
     )
 
 

@@ -9,7 +9,7 @@ from collections.abc import Iterable
 
 from cmifs_ros.core.effect import Effect
 from cmifs_ros.core.selection import Selection, SensorResult
-from cmifs_ros.core.statuses import CONFIRMED, DISPENSABLE, UNDECIDED
+from cmifs_ros.core.statuses import CONFIRMED, DISPENSABLE, FEWEST_EPISODES, UNDECIDED
 from cmifs_ros.core.targets import ACTION, DECISION, RETURN, REWARD
 from cmifs_ros.core.words import counted, first, listed, short
 
@@ -18,6 +18,8 @@ PREDICTED = {RETURN: 'return', DECISION: 'reward', ACTION: 'action'}
 #: Line width of printed text.
 LINE_WIDTH = 80
 _PREDICTS = 'predicts '
+#: A p-value up to this would confirm, if no level had been spent on earlier selections.
+_USUAL_LEVEL = 0.05
 
 
 def is_undecided(selection: Selection) -> bool:
@@ -38,6 +40,7 @@ def headline(selection: Selection) -> str:
         best = min(tested, key=lambda sensor: sensor.pvalue)
         return (
             f'nothing confirmed yet; {sizes}, best so far {short(best.name)}, p = {best.pvalue:.2g}'
+            f'{level_needed(selection)}'
         )
     if not selection.changing:
         return f'no sensor changed in {sizes}: nothing can be selected'
@@ -49,6 +52,11 @@ def headline(selection: Selection) -> str:
     return f'selected {listed(selection.names)}'
 
 
+def level_needed(selection: Selection) -> str:
+    """Return which p-values confirm, to be appended; empty if unknown."""
+    return '' if selection.level is None else f', needed: p <= {selection.level:.2g}'
+
+
 def change(selection: Selection) -> str:
     """Return the message that the task has changed and how many episodes are outdated."""
     return (
@@ -58,10 +66,12 @@ def change(selection: Selection) -> str:
 
 
 def evidence(selection: Selection) -> str:
-    """Return the evidence for a selection: effects and p-values, or scores; and what can go."""
-    shown, dispensable = [], []
+    """Return the evidence for a selection: effects and p-values, or scores; and what is not."""
+    selected: list[str] = []
+    others: list[str] = []
+    dispensable: list[str] = []
     for sensor in selection.sensors:
-        name = short(sensor.name)
+        name, shown = short(sensor.name), selected if sensor.is_selected else others
         if sensor.status == DISPENSABLE and not sensor.is_selected:
             dispensable.append(sensor.name)
         elif sensor.pvalue is None:
@@ -70,8 +80,11 @@ def evidence(selection: Selection) -> str:
             shown.append(f'{name} (p {sensor.pvalue:.2g})')
         else:
             shown.append(f'{name} (adds {share(sensor.effect.share)}, p {sensor.pvalue:.2g})')
-    parts = [first(shown)] if shown else []
-    parts += [f'dispensable {listed(dispensable)}'] if dispensable else []
+    parts = [first(selected)] if selected else []
+    if others:
+        needed = level_needed(selection) if selected else ''  # Else the headline says it.
+        parts.append(f'not selected: {first(others)}{needed}')
+    parts += [f'dispensable: {listed(dispensable)}'] if dispensable else []
     redundant = redundancies(selection)
     parts += [f'redundant: {redundant}'] if redundant else []
     parts.append(
@@ -87,8 +100,9 @@ def share(value: float) -> str:
 
 
 def interval(effect: Effect) -> str:
-    """Return the 95 % confidence interval of an effect."""
-    return f'{share(effect.low)} to {share(effect.high)}'
+    """Return the 95 % confidence interval of an effect; a true share is not below 0."""
+    high = share(max(effect.high, 0.0))
+    return f'below {high}' if effect.low <= 0 else f'{share(effect.low)} to {high}'
 
 
 def prediction(selection: Selection) -> str:
@@ -106,7 +120,10 @@ def prediction(selection: Selection) -> str:
     if num_selected == count:
         return f'all sensors are selected, and predict {of_selected:.0%} {variance}'
     selected = f'the {num_selected} selected of {counted(count, "sensor")}'
-    return f'{selected} {verb} {of_selected:.0%} {variance}; all together, {of_all:.0%}'
+    together = f'all together, {of_all:.0%}'
+    if of_all < of_selected:
+        together += ' (the others make it harder to learn)'
+    return f'{selected} {verb} {of_selected:.0%} {variance}; {together}'
 
 
 def reason(selection: Selection, sensor: SensorResult) -> str:
@@ -128,6 +145,21 @@ def reason(selection: Selection, sensor: SensorResult) -> str:
             return _PREDICTS + ' -> '.join([*links, REWARD])
         links.append(sensor.why.removeprefix(_PREDICTS))
     return _PREDICTS + links[0]
+
+
+def undecided_because(selection: Selection, sensor: SensorResult) -> str:
+    """Return why a sensor is undecided; empty if it is not."""
+    if sensor.status != UNDECIDED:
+        return ''
+    if selection.episodes < FEWEST_EPISODES:
+        return 'few episodes'
+    if selection.level is not None and selection.level < sensor.pvalue <= _USUAL_LEVEL:
+        return f'p above {selection.level:.2g}'
+    if sensor.together_with:
+        others = len(sensor.together_with) - 1
+        more = f' and {others} more' if others else ''
+        return f'may matter with {short(sensor.together_with[0])}{more}'
+    return 'wide interval'
 
 
 def predicted_by(selection: Selection, sensor: SensorResult) -> str | None:

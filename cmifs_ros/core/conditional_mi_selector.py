@@ -21,7 +21,7 @@ from .permutation import PermutationTest, permutation_test
 from .samples import Samples, collect_samples
 from .search import Criterion
 from .sensor_selector import Ranking, SensorSelector
-from .statuses import DISPENSABLE
+from .statuses import DISPENSABLE, FEWEST_EPISODES, UNDECIDED
 from .stepwise import Finding
 from .targets import ACTION, RETURN, TARGETS, TargetTest
 from .time_bins import MOST_BINS
@@ -99,6 +99,9 @@ class ConditionalMISelector(SensorSelector):
     redundant_with_ : list of tuple of int
         For each ranked sensor, the confirmed sensors it is redundant with: it would have strong
         evidence without one of them, but is not confirmed given all of them.
+    together_with_ : list of tuple of int
+        For each ranked sensor that is undecided although it adds less than the margin alone: the
+        other unconfirmed sensors with which it may add more.
     num_duplicates_ : int
         Number of exact copies of other episodes, which are left out.
 
@@ -262,9 +265,15 @@ class ConditionalMISelector(SensorSelector):
             selected = [c for f in found.findings[: found.num_selected] for c in f.channels]
             self.predicted_share_ = test.predicted_share(selected)
             self.predicted_share_of_all_ = test.predicted_share(np.flatnonzero(varying).tolist())
-        found = found._replace(findings=[_among_all(f, live) for f in found.findings])
+        found = found._replace(
+            findings=[_among_all(f, live) for f in found.findings],
+            verdicts=[
+                v._replace(together_with=tuple(live[i] for i in v.together_with))
+                for v in found.verdicts
+            ],
+        )
         if self.num_features is None:
-            found = _with_constant(found, constant)
+            found = _with_constant(found, constant, len(episodes))
         self._keep_evidence(found)
         ranking = [f.sensor for f in found.findings]
         return Ranking(ranking, [f.score for f in found.findings], found.num_selected)
@@ -305,6 +314,7 @@ class ConditionalMISelector(SensorSelector):
         self.statuses_ = [verdict.status for verdict in found.verdicts]
         self.effects_ = [verdict.effect for verdict in found.verdicts]
         self.why_ = [verdict.why for verdict in found.verdicts]
+        self.together_with_ = [verdict.together_with for verdict in found.verdicts]
         self.null_scores_ = found.null_scores
         self.supporting_channels_ = [finding.channels for finding in found.findings]
         self.redundant_with_ = [finding.redundant_with for finding in found.findings]
@@ -353,12 +363,15 @@ def _among_all(finding: Finding, live: Sequence[int]) -> Finding:
     return finding._replace(sensor=live[finding.sensor], redundant_with=redundant_with)
 
 
-def _with_constant(found: EvidenceRanking, constant: Sequence[int]) -> EvidenceRanking:
+def _with_constant(
+    found: EvidenceRanking, constant: Sequence[int], num_episodes: int
+) -> EvidenceRanking:
     """Return the ranking with the constant sensors at its end, dispensable without a test."""
+    status = DISPENSABLE if num_episodes >= FEWEST_EPISODES else UNDECIDED
     score = found.findings[found.num_selected - 1].score if found.num_selected else 0.0
     return EvidenceRanking(
         found.findings + [Finding(i, (), score) for i in constant],
-        found.verdicts + [Verdict(DISPENSABLE, Effect(0.0, 0.0), '')] * len(constant),
+        found.verdicts + [Verdict(status, Effect(0.0, 0.0), '')] * len(constant),
         np.vstack([found.null_scores, np.full((len(constant), 3), score)]),
         found.num_selected,
     )

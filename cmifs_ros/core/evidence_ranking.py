@@ -106,6 +106,7 @@ def rank_by_evidence(
             sensors,
             findings,
             num_selected,
+            num_episodes=int(samples.owner[-1]) + 1,
             confirmed_before=start,
             significance=significance,
             margin=margin,

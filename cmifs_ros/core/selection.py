@@ -55,6 +55,9 @@ class SensorResult:
     stability : float or None
         Share of random halves of the episodes in which the sensor is selected.
     effect : Effect or None
+    together_with : tuple of str
+        Other unconfirmed sensors together with which it may add the margin or more, although it
+        adds less alone.
     why : str
         What the sensor is needed for.
 
@@ -73,6 +76,7 @@ class SensorResult:
     stability: float | None = None
     effect: Effect | None = None
     why: str = ''
+    together_with: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -104,6 +108,9 @@ class Selection:
         What the data cannot show.
     margin : float or None
         A sensor that adds less than this share of the target's variance is dispensable.
+    level : float or None
+        A sensor is confirmed by a p-value of at most this. A node that selects again and again
+        spends its significance over all selections.
     doubt : str
         What has spoken against it since it was put to use; nothing if nothing has.
 
@@ -123,6 +130,7 @@ class Selection:
     predicted_share_of_all: float | None = None
     warnings: tuple[str, ...] = ()
     margin: float | None = None
+    level: float | None = None
     doubt: str = ''
 
     @property
@@ -226,6 +234,7 @@ def select(
         predicted_share_of_all=getattr(selector, 'predicted_share_of_all_', None),
         warnings=tuple(getattr(selector, 'warnings_', ())),
         margin=selector.margin if _has_test(selector) else None,
+        level=selector.significance if _has_test(selector) else None,
     )
 
 
@@ -271,6 +280,7 @@ def _with_evidence(selector, place: int, sensor: SensorResult) -> SensorResult:
         why=selector.why_[place],
         supporting_channels=tuple(selector.feature_names_in_[channel] for channel in supporting),
         redundant_with=tuple(selector.sensor_names_[i] for i in selector.redundant_with_[place]),
+        together_with=tuple(selector.sensor_names_[i] for i in selector.together_with_[place]),
     )
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from .effect import Effect
 from .search import Sensor
-from .statuses import CONFIRMED, DISPENSABLE, UNDECIDED
+from .statuses import CONFIRMED, DISPENSABLE, FEWEST_EPISODES, UNDECIDED
 from .stepwise import Finding
 from .targets import TargetTest
 
@@ -27,12 +27,16 @@ class Verdict(NamedTuple):
         What it adds to the prediction by the selected sensors.
     why : str
         The variable of the target for which the evidence is strongest.
+    together_with : tuple of int
+        Of an undecided sensor: the other unconfirmed sensors with which its products may add the
+        margin or more, although it adds less alone.
 
     """
 
     status: str
     effect: Effect
     why: str
+    together_with: tuple[int, ...] = ()
 
 
 def verdicts(
@@ -41,6 +45,7 @@ def verdicts(
     findings: Sequence[Finding],
     num_selected: int,
     *,
+    num_episodes: int,
     confirmed_before: Collection[int],
     significance: float,
     margin: float,
@@ -50,6 +55,7 @@ def verdicts(
     Sensors confirmed before stay confirmed unless they are dispensable now. A sensor is dispensable
     if it is not confirmed and, with 95 % confidence, adds less than `margin` of the target's
     variance, and so do its products with other unconfirmed sensors: two may matter only together.
+    With fewer than `FEWEST_EPISODES` episodes none is dispensable.
     """
     selected = list(findings[:num_selected])
     given = [c for finding in selected for c in finding.channels]
@@ -63,7 +69,9 @@ def verdicts(
     found += [(f, effect, given) for f, effect in zip(rest, effects, strict=True)]
     unconfirmed = {f.sensor: effect for f, effect, _ in found if f.pvalue > significance}
     small = {sensor for sensor, effect in unconfirmed.items() if effect.upper_bound < margin}
-    dispensable = small and small - _in_pairs(test, sensors, list(unconfirmed), given, margin)
+    small = small if num_episodes >= FEWEST_EPISODES else set()
+    partners = _partners(test, sensors, list(unconfirmed), given, margin) if small else {}
+    dispensable = small - partners.keys()
     kept = {f.sensor for f in selected} & set(confirmed_before)
 
     def status(finding):
@@ -72,15 +80,26 @@ def verdicts(
         is_confirmed = finding.pvalue <= significance or finding.sensor in kept
         return CONFIRMED if is_confirmed else UNDECIDED
 
-    return [Verdict(status(f), effect, test.why(f.channels, others)) for f, effect, others in found]
+    def together_with(finding):
+        return tuple(sorted(partners.get(finding.sensor, ()))) if finding.sensor in small else ()
+
+    return [
+        Verdict(status(f), effect, test.why(f.channels, others), together_with(f))
+        for f, effect, others in found
+    ]
 
 
-def _in_pairs(test, sensors, candidates, given, margin) -> set[int]:
-    """Return the sensors that may add `margin` or more as a pair."""
+def _partners(test, sensors, candidates, given, margin) -> dict[int, set[int]]:
+    """Return the sensors that may add `margin` or more as a pair, with those they do it with."""
     channels = [(sensor, c) for sensor in candidates for c in sensors[sensor]]
     if len(candidates) < 2:
-        return set()
+        return {}
     bounds = test.pair_bounds([c for _, c in channels], given)
     owner = np.array([sensor for sensor, _ in channels])
     pairs = np.argwhere((bounds >= margin) & (owner[:, None] != owner))
-    return {int(owner[i]) for pair in pairs for i in pair}
+    partners: dict[int, set[int]] = {}
+    for pair in pairs:
+        one, other = owner[pair].tolist()
+        partners.setdefault(one, set()).add(other)
+        partners.setdefault(other, set()).add(one)
+    return partners

@@ -22,8 +22,8 @@ RELEVANT = {
 }
 READING = """\
 adds       share of the return's variance that the sensor predicts beyond the
-           selected ones; for an uninformative one, below 0 half of the time
-p          p-value of a separate test, which is more sensitive than the share
+           selected ones; an estimate, which may be below 0 by chance
+p          p-value of a separate test; this decides whether a sensor matters
 status     confirmed: there is evidence; dispensable: there is none, and the
            sensor adds less than {margin:.0%} (with 95 % confidence); undecided:
            neither; more episodes may settle it"""

@@ -48,12 +48,12 @@ _MAX_NAMES = 20
 
 _READING = (
     'What a sensor adds is the share of {variance} that it predicts beyond the selected ones. The '
-    'interval contains the true share in 95 of 100 cases. The estimate is unbiased, so it is below '
-    '0 half of the time if the sensor is uninformative. Confirmed: there is evidence that the '
-    'sensor is informative given the other selected ones. p comes from a separate test, which is '
-    'more sensitive than the share, so a sensor may be confirmed but add little. Dispensable: '
-    'there is no such evidence, and with 95 % confidence the sensor adds less than {margin:.0%}; '
-    'this bound is one-sided, so the interval may reach a little further. '
+    'interval contains the true share in 95 of 100 cases. The share is an estimate, which may be '
+    'below 0 by chance; whether a sensor matters is decided by p. Confirmed: there is evidence '
+    'that the sensor is informative given the other selected ones. p comes from a separate test, '
+    'which is more sensitive than the share, so a sensor may be confirmed but add little. '
+    'Dispensable: there is no such evidence, and with 95 % confidence the sensor adds less than '
+    '{margin:.0%}; this bound is one-sided, so the interval may reach a little further. '
     'Undecided: neither; more episodes may settle it. All sensors together may predict less than '
     'the selected ones, because each uninformative sensor makes the prediction harder to learn.'
 )
@@ -190,7 +190,8 @@ def _advice(advice: Advice) -> str:
     if not found:
         return ''
     reading = f'<p class="note">{advice.scope} {_READING_ADVICE}</p>'
-    return f'<h2>What to keep, and what can go</h2>{reading}{"".join(lists)}'
+    hints = ''.join(f'<p>{escape(hint)}</p>' for hint in advice.hints)
+    return f'<h2>What to keep, and what can go</h2>{reading}{"".join(lists)}{hints}'
 
 
 def _list(items: Sequence[Item]) -> str:

@@ -17,6 +17,7 @@ from cmifs_ros.collect.selection_report import (
     prediction,
     reason,
     share,
+    undecided_because,
 )
 from cmifs_ros.core.selection import Selection, SensorResult
 from cmifs_ros.core.statuses import CONFIRMED, DISPENSABLE, UNDECIDED
@@ -174,7 +175,11 @@ def further_columns(selection: Selection, most_names: int) -> list[Column]:
     stability = ['' if s.stability is None else f'{s.stability:.0%}' for s in sensors]
     return _filled(
         [
-            Column('why', [reason(selection, sensor) for sensor in sensors], is_text=True),
+            Column(
+                'why',
+                [reason(selection, s) or undecided_because(selection, s) for s in sensors],
+                is_text=True,
+            ),
             Column('stability', stability),
             Column('supporting channels', supporting, is_text=True),
             Column('redundant with', [listed_in(s.redundant_with) for s in sensors], is_text=True),

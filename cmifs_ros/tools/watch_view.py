@@ -13,7 +13,13 @@ from rich.rule import Rule
 from rich.table import Table
 from rich.text import Text
 
-from cmifs_ros.collect.selection_report import prediction, reason, redundancies
+from cmifs_ros.collect.selection_report import (
+    level_needed,
+    prediction,
+    reason,
+    redundancies,
+    undecided_because,
+)
 from cmifs_ros.core.selection import Selection
 from cmifs_ros.core.statuses import CONFIRMED, DISPENSABLE, UNDECIDED
 from cmifs_ros.core.words import counted, first, short
@@ -215,6 +221,9 @@ def _facts(selection: Selection):
     reasons = [(sensor, reason(selection, sensor)) for sensor in selection.sensors]
     if why := first([f'{short(sensor.name)} ({text})' for sensor, text in reasons if text]):
         yield f'why: {why}'
+    because = [(sensor, undecided_because(selection, sensor)) for sensor in selection.sensors]
+    if why := first([f'{short(sensor.name)} ({text})' for sensor, text in because if text]):
+        yield f'undecided: {why}{level_needed(selection)}'
     if redundancies(selection):
         yield f'redundant: {redundancies(selection)}'
 

@@ -127,6 +127,24 @@ def test_where_the_interval_does_not_tell_no_number_is_guessed(effect):
     assert 'more episode' not in ' '.join(advice_lines(advice))
 
 
+@pytest.mark.parametrize('episodes', [2, 19])
+def test_from_few_episodes_nothing_can_go_and_it_is_said_what_is_missing(episodes):
+    text = ' '.join(advice_lines(advice_of(replace(selection(X, BATTERY), episodes=episodes))))
+    assert text.endswith('can be called dispensable; expected at least 20, better 50.')
+    enough = advice_lines(advice_of(replace(selection(X, BATTERY), episodes=20)))
+    assert 'at least 20' not in ' '.join(enough)
+
+
+def test_where_much_is_undecided_another_target_is_named():
+    batteries = [replace(BATTERY, name=f'b{i}', channels=(f'b{i}',)) for i in range(3)]
+    assert '--target decision' in ' '.join(advice_lines(advice_of(selection(X, *batteries))))
+    for found in (
+        selection(X, *batteries, target='decision'),
+        selection(X, NOISE, RADIO, batteries[0]),
+    ):
+        assert '--target decision' not in ' '.join(advice_lines(advice_of(found)))
+
+
 def test_of_many_only_the_first_have_a_line():
     many = [replace(NOISE, name=f'n{i}', channels=(f'n{i}',)) for i in range(20)]
     lines = advice_lines(advice_of(selection(X, *many)))

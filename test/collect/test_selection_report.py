@@ -18,6 +18,7 @@ from cmifs_ros.collect.selection_report import (
     reason,
     redundancies,
     share,
+    undecided_because,
 )
 from cmifs_ros.core.effect import Effect
 
@@ -50,11 +51,36 @@ def test_the_headline_says_what_is_sure_and_what_is_not():
 
 
 def test_the_evidence_is_p_values_where_there_are_some_and_else_scores():
-    assert evidence(PLAIN) == 'b (0.500), a (0.400); 25 episodes, 60 steps, 1.2 s'
-    assert evidence(NOTHING) == 'dispensable a, c; 25 episodes, 60 steps, 1.2 s'
-    assert (
-        evidence(CONFIRMED) == 'b (adds 12.5%, p 0.01); dispensable a; 25 episodes, 60 steps, 1.2 s'
+    assert evidence(PLAIN) == 'b (0.500); not selected: a (0.400); 25 episodes, 60 steps, 1.2 s'
+    assert evidence(NOTHING) == 'dispensable: a, c; 25 episodes, 60 steps, 1.2 s'
+    assert evidence(CONFIRMED) == (
+        'b (adds 12.5%, p 0.01); dispensable: a; 25 episodes, 60 steps, 1.2 s'
     )
+
+
+def test_the_p_value_that_is_needed_is_said_where_something_is_undecided():
+    found = replace(selection(SURE, sensor('c', pvalue=0.02)), level=0.0083)
+    assert '; not selected: c (adds 12.5%, p 0.02), needed: p <= 0.0083; 25' in evidence(found)
+    assert headline(replace(UNDECIDED, level=0.0083)).endswith('p = 0.2, needed: p <= 0.0083')
+
+
+@pytest.mark.parametrize(
+    ('more', 'episodes', 'because'),
+    [
+        ({'pvalue': 0.02}, 25, 'p above 0.0083'),
+        ({'pvalue': 0.2}, 25, 'wide interval'),
+        ({'pvalue': 0.2, 'together_with': ('b',)}, 25, 'may matter with b'),
+        ({'pvalue': 0.2, 'together_with': tuple('bcd')}, 25,
+         'may matter with b and 2 more'),
+        ({'pvalue': 0.2}, 19, 'few episodes'),
+        ({'pvalue': 0.001, 'status': 'confirmed'}, 25, ''),
+        ({'pvalue': 0.9, 'status': 'dispensable'}, 25, ''),
+    ],
+)  # fmt: skip
+def test_it_is_said_why_a_sensor_is_undecided(more, episodes, because):
+    one = sensor('a', **more)
+    found = replace(selection(one), level=0.0083, episodes=episodes)
+    assert undecided_because(found, one) == because
 
 
 def test_shares_are_percentages():
@@ -65,13 +91,15 @@ def test_shares_are_percentages():
         '100.0%',
     ]
     assert interval(Effect(0.5, 0.1)) == '30.4% to 69.6%'
+    assert interval(Effect(-0.026, 0.117)) == 'below 20.3%'
+    assert interval(Effect(-0.5, 0.1)) == 'below 0.0%'
 
 
 def test_it_is_said_how_much_the_selected_predict_beside_all():
     known = {'predicted_share': 0.484, 'predicted_share_of_all': 0.239}
     assert prediction(selection(SURE, DISPENSABLE, **known)) == (
         'the 1 selected of 2 sensors predicts 48% of the variance of the return in episodes left '
-        'out; all together, 24%'
+        'out; all together, 24% (the others make it harder to learn)'
     )
     of_action = prediction(selection(DISPENSABLE, target='action', **known))
     assert of_action.startswith('all sensors together predict 24% of the variance of the action')
@@ -130,7 +158,7 @@ def test_redundant_sensors_are_named():
         replace(DISPENSABLE, name='d', redundant_with=('b',)),
     )
     assert redundancies(four) == 'c with b and a, d with b'
-    assert '; dispensable c, d; redundant: c with b and a, d with b; 25 episodes' in evidence(four)
+    assert '; dispensable: c, d; redundant: c with b and a, d with b; 25 episodes' in evidence(four)
     assert redundancies(PLAIN) == ''
 
 

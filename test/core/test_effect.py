@@ -58,6 +58,15 @@ def test_a_wide_margin_needs_less_evidence():
     assert effects(data, margin=0.9)[1].statuses_ == ['dispensable'] * 4
 
 
+@pytest.mark.parametrize('count', [2, 6, 19])
+def test_from_few_episodes_nothing_is_dispensable(count):
+    rng = np.random.default_rng(count)
+    states = rng.normal(size=(count, 30, 5))
+    states[..., 4] = 1.0
+    selector = ConditionalMISelector(margin=0.9).fit((states, states[..., 0]))
+    assert 'dispensable' not in selector.statuses_
+
+
 def test_what_matters_only_as_a_product_is_not_dispensable():
     # One of many pairs, so weak that the pair is not found, but above the margin.
     for seed in range(4):

@@ -113,9 +113,9 @@ def test_huge_values_give_finite_scores():
     assert np.isfinite(selector.scores_).all()
 
 
-@pytest.mark.parametrize('rewards', [toy(12, 2)[1], np.ones((12, 2))])
+@pytest.mark.parametrize('rewards', [toy(20, 2)[1], np.ones((20, 2))])
 def test_what_never_changes_is_not_selected_whatever_number_is_asked(rewards):
-    states = np.ones((12, 2, 4)) + np.arange(12)[:, None, None] * [1, 0, 0, 0]
+    states = np.ones((20, 2, 4)) + np.arange(20)[:, None, None] * [1, 0, 0, 0]
     selector = ConditionalMISelector().fit((states, rewards))
     assert selector.num_features_ == 0
     assert np.isfinite(selector.scores_).all()
@@ -125,7 +125,7 @@ def test_what_never_changes_is_not_selected_whatever_number_is_asked(rewards):
 
 
 def test_of_constants_alone_nothing_is_selected():
-    selector = ConditionalMISelector().fit((np.ones((12, 2, 3)), toy(12, 2)[1]))
+    selector = ConditionalMISelector().fit((np.ones((20, 2, 3)), toy(20, 2)[1]))
     assert selector.statuses_ == ['dispensable'] * 3
     assert selector.transform(np.ones((2, 3))).shape == (2, 0)
 

@@ -31,12 +31,14 @@ def test_the_table_has_the_evidence_where_there_is_some():
         '   3  still   -0.100',
     ]
     assert ranking_text(FULL).splitlines() == [
-        'rank  sensor   adds   95 % interval  status            p  supporting channels',
+        'rank  sensor   adds   95 % interval  status            p  why            '
+        'supporting channels',
         '   1  x       40.0%  20.4% to 59.6%  confirmed    0.0012',
-        '   2  scan    12.5%   0.3% to 24.7%  undecided       0.2  scan[6], scan[7] and 2 more',
-        '   3  still   -0.1%   -0.5% to 0.3%  dispensable       1',
+        '   2  scan    12.5%   0.3% to 24.7%  undecided       0.2  wide interval  '
+        'scan[6], scan[7] and 2 more',
+        '   3  still   -0.1%      below 0.3%  dispensable       1',
         'the 1 selected of 3 sensors predicts 50% of the variance of the return in',
-        'episodes left out; all together, 25%',
+        'episodes left out; all together, 25% (the others make it harder to learn)',
     ]
 
 

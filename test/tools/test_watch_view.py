@@ -46,14 +46,14 @@ def test_the_view_shows_input_selection_evidence_and_cost_within_80_columns():
     text = text_of(snapshot())
     assert max(map(len, text.splitlines())) <= 80
     for shown in ('/robot1/selector', '120 episodes', 'messages dropped: late: 3',
-                  'made 1 min ago (timer), from',
+                  'made 1 min ago (timer), from', 'undecided: y (wide interval)',
                   '100 episodes in 1.25 s', 'computing for 2.5 s, 40% done'):  # fmt: skip
         assert shown in ' '.join(text.split()), shown
-    rows = re.findall(r'^ +\d +(\w+) +(\S+%) +(\S+% to \S+%) +(\w+) +(\S+)$', text, re.M)
+    rows = re.findall(r'^ +\d +(\w+) +(\S+%) +(below \S+|\S+% to \S+%) +(\w+) +(\S+)$', text, re.M)
     assert rows == [
         ('x', '40.0%', '20.4% to 59.6%', 'confirmed', '0.0021'),
         ('y', '12.5%', '0.3% to 24.7%', 'undecided', '0.2'),
-        ('battery', '-0.1%', '-0.5% to 0.3%', 'dispensable', '0.9'),
+        ('battery', '-0.1%', 'below 0.3%', 'dispensable', '0.9'),
     ]
 
 

@@ -6,10 +6,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from cmifs_ros.core.statuses import FEWEST_EPISODES
 from cmifs_ros.core.words import counted
 
-#: With fewer episodes hardly any sensor can be confirmed; equal to the selector's min_episodes.
-FEW = 20
 _SAY_ENDS = (
     'define when an episode ends: `episode` in the robot file (`steps: 25` gives windows of 25 '
     'steps), or `terminated` and `truncated` in the reward messages'
@@ -45,9 +44,10 @@ def problems_of_episodes(lengths: Sequence[int], num_cut: int, num_open_steps: i
             f'a single step in {num_single} of {whole}: the end condition seems to hold at every '
             'step; a topic that ends episodes must publish at ends only'
         )
-    if count < FEW:
+    if count < FEWEST_EPISODES:
         problems.append(
-            f'{whole}; expected at least {FEW}, better 50: fewer give too little evidence. '
-            'Episodes that lack a step, or were not recorded from beginning to end, do not count'
+            f'{whole}; expected at least {FEWEST_EPISODES}, better 50: fewer give too little '
+            'evidence. Episodes that lack a step, or were not recorded from beginning to end, do '
+            'not count'
         )
     return problems
