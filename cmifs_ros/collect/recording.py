@@ -13,10 +13,12 @@ from pathlib import Path
 from .bag import episodes_of_bag
 from .recorded_episodes import RecordedEpisodes, RecordingError
 from .robot_file import RobotFile
+from .robot_file.template import robot_file_of_bag, robot_file_of_topics
 from .sampled_episodes import SampledEpisodes
 from .sampling.bag_reader import OpenBag, open_bag, unwatched
 from .sampling.event_order import SECOND
 from .tables import arrow, hdf5, lerobot
+from .tables.observed import observed
 from .tables.table import Table
 from .traffic import Traffic
 
@@ -95,6 +97,50 @@ def episodes_of_recording(
     return _steps_in(path) if robot is None else _sampled(path, _tables_in(path), robot, watch)
 
 
+def robot_file_of_recording(
+    path: Path,
+    watch: Callable[[Iterable, int], Iterable] = unwatched,
+    open_bag: OpenBag = open_bag,
+) -> str:
+    """Return the text of a robot file with all channels of a bag or of tables of messages.
+
+    Parameters
+    ----------
+    path, watch, open_bag
+        As in `episodes_of_recording`.
+
+    Raises
+    ------
+    RecordingError
+        If the recording cannot be read, or its rows are steps, which need no robot file.
+
+    """
+    if not path.exists() or _is_bag(path):
+        return robot_file_of_bag(path, watch, open_bag)
+    if (path / lerobot.INFO).exists():
+        raise RecordingError(f'{path} is a data set of LeRobot; it needs no robot file')
+    if path.is_file() and path.suffix in hdf5.SUFFIXES:
+        with hdf5.opened(path) as file:
+            return _robot_file(path, hdf5.tables_in(path, file), watch)
+    return _robot_file(path, _tables_in(path), watch)
+
+
+def _robot_file(
+    path: Path,
+    tables: Mapping[str, Callable[[], Table]],
+    watch: Callable[[Iterable, int], Iterable],
+) -> str:
+    read = {topic: table() for topic, table in tables.items()}
+    heard = [observed(topic, table) for topic, table in watch(read.items(), len(read))]
+    return robot_file_of_topics(path.name, heard, _seconds(read.values()))
+
+
+def _seconds(tables: Iterable[Table]) -> float:
+    """Return the time from the first to the last row."""
+    known = [table.times for table in tables if len(table.times)]
+    return (max(t.max() for t in known) - min(t.min() for t in known)) / SECOND if known else 0.0
+
+
 def _steps_in(path: Path) -> RecordedEpisodes:
     if (path / lerobot.INFO).exists():
         table = arrow.read_all(path, arrow.files_in(path / lerobot.DATA))
@@ -142,10 +188,8 @@ def _sampled(
     messages = heapq.merge(*map(_of_topic, read.items()), key=itemgetter(0))
     for time, topic, message in watch(messages, total):
         collector.add(topic, message, time)
-    known = [table.times for table in read.values() if len(table.times)]
-    seconds = (max(t.max() for t in known) - min(t.min() for t in known)) / SECOND if known else 0.0
     traffic = Traffic(
-        seconds,
+        _seconds(read.values()),
         {name: len(read[topic].times) for topic, name in topics.items()},
         {name: read[topic].num_bytes for topic, name in topics.items()},
     )

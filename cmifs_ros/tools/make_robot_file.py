@@ -9,8 +9,9 @@ import shutil
 import sys
 from pathlib import Path
 
-from cmifs_ros.collect.bag import BagError
-from cmifs_ros.collect.robot_file.template import robot_file_of_bag, robot_file_of_topics
+from cmifs_ros.collect.recorded_episodes import RecordingError
+from cmifs_ros.collect.recording import robot_file_of_recording
+from cmifs_ros.collect.robot_file.template import robot_file_of_topics
 
 from .arguments import file_to_write, home_path, number_from
 from .bags import bag_opener
@@ -24,7 +25,7 @@ def main(arguments: list[str] | None = None, program: str = 'make_robot_file') -
         '--bag',
         type=home_path,
         metavar='BAG',
-        help='a bag, a file or a folder (default: listen to the running robot)',
+        help='a bag, or tables of messages (default: listen to the running robot)',
     )
     parser.add_argument(
         '--seconds', type=number_from(1), default=5, metavar='N',
@@ -51,7 +52,7 @@ def _run(options: argparse.Namespace) -> None:
             file.write(text)
     except FileExistsError:
         raise CommandError(f'{options.out} exists; expected the name of a new file') from None
-    except (BagError, OSError) as error:
+    except (RecordingError, OSError) as error:
         raise CommandError(str(error)) from error
     has_ros2 = shutil.which('ros2')  # The nodes run without it, too.
     run = 'ros2 run cmifs_ros ' if has_ros2 else 'install/cmifs_ros/lib/cmifs_ros/'
@@ -72,7 +73,7 @@ def _read(bag: Path) -> str:
     def watch(messages, total):
         return tqdm(messages, total=total, unit=' messages', disable=None, leave=False)
 
-    return robot_file_of_bag(bag, watch, bag_opener())
+    return robot_file_of_recording(bag, watch, bag_opener())
 
 
 def _listen(seconds: int) -> str:

@@ -74,10 +74,21 @@ class Table:
                     )
             fields[last] = columns[column]
 
+    def columns_in(self, name: str) -> dict:
+        """Return what is below a name, by its next part: columns, or mappings of them."""
+        found = self._fields
+        for part in name.split('.') if name else ():
+            found = found[part]
+        return found
+
+    def row(self, number: int) -> object:
+        """Return a row as a message."""
+        return _Message(self._fields, number)
+
     def messages(self) -> Iterator[tuple[int, object]]:
         """Yield time and message of each row, in the order of time."""
         for row in np.argsort(self.times, kind='stable').tolist():
-            yield int(self.times[row]), _Message(self._fields, row)
+            yield int(self.times[row]), self.row(row)
 
 
 class _Message:

@@ -12,7 +12,11 @@ import pyarrow as pa
 from pyarrow import csv, parquet
 
 from cmifs_ros.collect.recorded_episodes import RecordingError
-from cmifs_ros.collect.recording import episodes_of_recording, recordings_in
+from cmifs_ros.collect.recording import (
+    episodes_of_recording,
+    recordings_in,
+    robot_file_of_recording,
+)
 
 LENGTHS = (5, 3, 6)
 
@@ -188,6 +192,12 @@ def test_a_table_that_cannot_be_used_is_one_sentence(columns, said):
     with pytest.raises(RecordingError) as error:
         episodes_of_recording(table)
     assert said in str(error.value)
+
+
+def test_a_folder_of_lerobot_needs_no_robot_file(tmp_path):
+    folder = write(tmp_path / 'set', rows(), 'v3.0')
+    with pytest.raises(RecordingError, match='is a data set of LeRobot; it needs no robot file'):
+        robot_file_of_recording(folder)
 
 
 @pytest.mark.parametrize('text', ['{', '{"fps": 50}', '[]'])

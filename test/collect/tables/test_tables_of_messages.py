@@ -16,7 +16,11 @@ from streams import ROBOTS, STATUS, arrivals, as_message, collected, streams
 
 from cmifs_ros.collect.bag import episodes_of_bag, open_bag
 from cmifs_ros.collect.recorded_episodes import RecordingError
-from cmifs_ros.collect.recording import episodes_of_recording, recordings_in
+from cmifs_ros.collect.recording import (
+    episodes_of_recording,
+    recordings_in,
+    robot_file_of_recording,
+)
 from cmifs_ros.collect.robot_file.reader import parse_robot_file
 from cmifs_ros.collect.sampling.bag_reader import messages_of
 
@@ -69,12 +73,25 @@ def bag(tmp_path):
     return tmp_path / 'bag', rows
 
 
+def write_parquet(folder, rows):
+    folder.mkdir()
+    for topic, of_topic in rows.items():
+        parquet.write_table(pa.Table.from_pylist(of_topic), folder / f'{topic}.parquet')
+
+
+def write_hdf5(path, rows):
+    from h5py import File
+
+    with File(path, 'w') as file:
+        for topic, of_topic in rows.items():
+            for name in of_topic[0]:
+                file[f'{topic}/{name.replace(".", "/")}'] = [row[name] for row in of_topic]
+    return path
+
+
 def test_a_bag_and_its_parquet_files_have_the_same_episodes(bag, tmp_path):
     path, rows = bag
-    (tmp_path / 'run').mkdir()
-    for topic, of_topic in rows.items():
-        table = pa.Table.from_pylist(of_topic)
-        parquet.write_table(table, tmp_path / 'run' / f'{topic}.parquet')
+    write_parquet(tmp_path / 'run', rows)
     robot = parse_robot_file(ROBOT)
     found = episodes_of_recording(tmp_path / 'run', robot)
     assert content_of(found) == content_of(episodes_of_bag(path, robot))
@@ -98,15 +115,32 @@ def test_a_bag_and_its_csv_files_have_the_same_episodes(bag, tmp_path):
 
 
 def test_a_bag_and_its_hdf5_file_have_the_same_episodes(bag, tmp_path):
-    h5py = pytest.importorskip('h5py', reason='h5py is not here')
+    pytest.importorskip('h5py', reason='h5py is not here')
     path, rows = bag
-    with h5py.File(tmp_path / 'run.hdf5', 'w') as file:
-        for topic, of_topic in rows.items():
-            for name in of_topic[0]:
-                file[f'{topic}/{name.replace(".", "/")}'] = [row[name] for row in of_topic]
+    write_hdf5(tmp_path / 'run.hdf5', rows)
     robot = parse_robot_file(ROBOT)
     found = episodes_of_recording(tmp_path / 'run.hdf5', robot)
     assert content_of(found) == content_of(episodes_of_bag(path, robot))
+
+
+def channels_of(text):
+    """Return the lines of a robot file that are channels, or could be."""
+    lines = text.partition('channels:\n')[2].partition('\n\n')[0].splitlines()
+    return {line for line in lines if line.startswith('  ')}
+
+
+@pytest.mark.parametrize('kind', ['parquet', 'hdf5'])
+def test_the_first_robot_file_has_the_channels_of_the_bag(bag, tmp_path, kind):
+    path, rows = bag
+    source = tmp_path / 'run'
+    if kind == 'parquet':
+        write_parquet(source, rows)
+    else:
+        pytest.importorskip('h5py', reason='h5py is not here')
+        source = write_hdf5(tmp_path / 'run.hdf5', rows)
+    expected = channels_of(robot_file_of_recording(path))
+    assert channels_of(robot_file_of_recording(source)) == expected
+    assert '  pose_x: "/pose.pose.position.x"' in expected
 
 
 @settings(max_examples=25, deadline=None)
@@ -168,6 +202,28 @@ def test_a_single_frame_is_the_topic_whatever_it_is_called(times):
     # Steps 0 to 3 and what step 3 reaches, then the next episode.
     assert [e.states[0, 0] for e in found.episodes[:3]] == [0.0, 5.0, 10.0]
     assert not found.dropped
+
+
+def test_the_first_robot_file_of_a_wide_table(tmp_path):
+    count = np.arange(2000)
+    table = pa.table({
+        'timestamp': count / 10,
+        'slip': np.random.default_rng(0).normal(size=2000),
+        'battery': [float(i) if i % 20 == 0 else None for i in count],
+        'mode': np.where(count // 100 % 2, 'idle', 'lift'),
+        'pallet': count // 50 % 4,
+    })  # fmt: skip
+    csv.write_csv(table, tmp_path / 'drive.csv')
+    robot = robot_file_of_recording(tmp_path / 'drive.csv')
+    one_hot = '{path: "/drive.pallet", one_hot: [0, 1, 2, 3]}'
+    assert channels_of(robot) == {
+        '  drive_slip: "/drive.slip"',
+        # A value each 2 s.
+        '  drive_battery: {path: "/drive.battery", max_age: 6.0}',
+        '  # drive_mode: {path: "/drive.mode", one_hot: [lift, idle]}  # text; values seen',
+        f'  drive_pallet: "/drive.pallet"  # if 0, 1, 2, 3 are categories: {one_hot}',
+    }
+    parse_robot_file(f'{robot}\nreward: "1"\n')
 
 
 def test_rows_in_any_order_are_sorted_by_their_time(tmp_path):

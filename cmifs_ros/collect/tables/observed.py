@@ -1,0 +1,55 @@
+# SPDX-License-Identifier: Apache-2.0
+
+"""What the columns of a table of messages could be in a robot file."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cmifs_ros.collect.robot_file.observed_fields import ObservedTopic, TypeField
+from cmifs_ros.collect.robot_file.template import MAX_LOOKS
+
+from .table import NANOSECONDS, SECONDS, Table
+
+_ROOT = 'table'
+#: At the root, columns that tell the time of a row.
+_TIMES = (SECONDS, NANOSECONDS, 'header')
+#: Fields that together are a quaternion, and what ROS calls it.
+_QUATERNION = ({'w', 'x', 'y', 'z'}, 'geometry_msgs/msg/Quaternion')
+#: So many rows are searched for the first value of a column.
+_MAX_EMPTY = 10_000
+
+
+def observed(topic: str, table: Table) -> ObservedTopic:
+    """Return the fields of a table and their values in random rows, the same each time."""
+    count = len(table.times)
+
+    def fields_of(kind: str) -> list[TypeField]:
+        columns = table.columns_in(kind.removeprefix(_ROOT).removeprefix('.'))
+        return [
+            TypeField(name, _what(f'{kind}.{name}', found, count))
+            for name, found in columns.items()
+            if kind != _ROOT or name not in _TIMES
+        ]
+
+    heard = ObservedTopic(topic, _ROOT, fields_of, count)
+    heard.has_entries = True  # Any cell may be empty.
+    rows = np.random.default_rng(0).permutation(count)[:MAX_LOOKS]
+    heard.num_unseen = count - len(rows)
+    for row in np.sort(rows).tolist():
+        heard.look(table.row(row))
+    return heard
+
+
+def _what(kind: str, found, count: int) -> str:
+    """Return the content of a column, or of columns below a name, as a `TypeField` says it."""
+    if isinstance(found, dict):
+        parts, name = _QUATERNION
+        return name if found.keys() == parts else kind
+    values = (found[row] for row in range(min(count, _MAX_EMPTY)))
+    value = next((value for value in values if value is not None), None)
+    if isinstance(value, str):
+        return 'text'
+    if hasattr(value, '__len__'):
+        return 'numbers' if len(value) and np.asarray(value[0]).dtype.kind in 'biuf' else ''
+    return '' if value is None else 'number'
