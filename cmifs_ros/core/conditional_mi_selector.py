@@ -13,7 +13,7 @@ import numpy as np
 
 from .blas_threads import one_blas_thread
 from .criterion import make_criterion
-from .data_checks import problem_of_skill, problems_of_data
+from .data_checks import problems_of_data, problems_of_skill
 from .effect import Effect
 from .episode import unique_episodes
 from .evidence_ranking import EvidenceRanking, rank_by_evidence
@@ -301,11 +301,11 @@ class ConditionalMISelector(SensorSelector):
         )
         if num_actions and self.target == RETURN:
             acting = TargetTest(samples, ACTION, names, action_names, self.gamma)
-            self._warn_of([problem_of_skill(acting.predicted_share, samples.states.shape[1])])
+            self._warn_of(problems_of_skill(acting.predicted_shares, samples.states.shape[1]))
         return test
 
     def _warn_of(self, problems: Sequence[str]) -> None:
-        for problem in filter(None, problems):
+        for problem in problems:
             self.warnings_.append(problem)
             warnings.warn(problem, stacklevel=7)
 

@@ -26,6 +26,8 @@ _MAX_RUNS = 100_000
 #: Warn if the channels predict at least this share of the action's variance.
 _MUCH_PREDICTED = 0.5
 _MAX_PREDICTORS = 3
+#: The share of each action's variance that channels predict.
+Shares = Callable[[list[int]], dict[str, float]]
 
 
 def independent_episodes(episodes: Sequence[Episode], gamma: float) -> float:
@@ -66,31 +68,45 @@ def problems_of_data(episodes: Sequence[Episode], gamma: float, *, ordered: bool
     return problems
 
 
-def problem_of_skill(predicted_share: Callable[[list[int]], float], num_channels: int) -> str:
-    """Return a warning if few channels predict the action so well that the return shows little.
+def problems_of_skill(predicted_shares: Shares, num_channels: int) -> list[str]:
+    """Return which actions a few channels predict so well that the return shows little.
 
     Parameters
     ----------
-    predicted_share : callable
-        Returns the share of the actions' variance that given channels predict.
+    predicted_shares : callable
+        Gives the share of each action's variance that channels predict, by its name.
     num_channels : int
 
     """
+    best = {
+        action: _best_share(predicted_shares, action, num_channels)
+        for action in predicted_shares([])
+    }
+    skilled = {action: share for action, share in best.items() if share >= _MUCH_PREDICTED}
+    if not skilled:
+        return []
+    listed = ', '.join(
+        f'{action}: {share:.0%} of its variance' for action, share in skilled.items()
+    )
+    return [
+        f'the action follows from the sensors ({listed}): where a controller always acts alike, '
+        "the return cannot show what its sensors are good for; target 'action' finds what the "
+        'controller looks at'
+    ]
+
+
+def _best_share(predicted_shares: Shares, action: str, num_channels: int) -> float:
+    """Return the share that a few channels predict, each the best beside those before."""
     chosen: list[int] = []
     best = 0.0
-    for _ in range(min(_MAX_PREDICTORS, num_channels)):
-        shares = {c: predicted_share([*chosen, c]) for c in range(num_channels) if c not in chosen}
+    while len(chosen) < min(_MAX_PREDICTORS, num_channels) and best < _MUCH_PREDICTED:
+        rest = (c for c in range(num_channels) if c not in chosen)
+        shares = {c: predicted_shares([*chosen, c])[action] for c in rest}
         channel = max(shares, key=shares.__getitem__)
         if shares[channel] <= best:
             break
         chosen, best = [*chosen, channel], shares[channel]
-        if best >= _MUCH_PREDICTED:
-            return (
-                f'the action follows from the sensors ({best:.0%} of its variance): if a '
-                'controller always acts alike, the return cannot show what its sensors are good '
-                "for; target 'action' finds what the controller looks at"
-            )
-    return ''
+    return best
 
 
 def _mean_returns(episodes, gamma):

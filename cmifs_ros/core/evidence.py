@@ -137,13 +137,13 @@ class ConditionalTest:
         bounds = [estimator.pair_bounds(own) for estimator in estimators.values()]
         return np.max([np.zeros((len(channels), len(channels))), *bounds], axis=0)
 
-    def predicted_share(self, given: Sequence[int]) -> float:
-        """Return the share of the target's variance predicted in episodes left out.
-
-        The mean over the variables of the target.
-        """
+    def predicted_shares(self, given: Sequence[int]) -> dict[str, float]:
+        """Return the share of each variable's variance that is predicted in episodes left out."""
         columns, context = self._columns(given), self._given(given)
-        return context.regression.predicted_share(standardized(self._targets[:, columns]))
+        if not columns:
+            return {}
+        shares = context.regression.predicted_shares(standardized(self._targets[:, columns]))
+        return {self._names[c]: float(s) for c, s in zip(columns, shares, strict=True)}
 
     def _estimators(self, given) -> tuple[dict[str, EffectEstimator], _Given]:
         columns, context = self._columns(given), self._given(given)
@@ -235,7 +235,6 @@ class _Given:
             rows.shuffled[: int(np.clip(num_episodes // 2, *_NUM_CENTERS))],
             rows.folds,
             rows.fixed,
-            max_rank=num_episodes,
         )
         self._bumps = self._gaussians(self._points)
 

@@ -19,7 +19,7 @@ import numpy as np
 _WIDTHS = (0.3, 0.6, 1.2, 2.4, 5.0)
 _RANKS = np.array([0, 1, 2, 3, 4, 6, 8, 11, 16, 23, 32, 45, 64, 90, 128, 181])
 #: Directions of less variance, as a share of the greatest, are rounding errors.
-_LEAST_VARIANCE = 1e-10
+_LEAST_VARIANCE = 1e-7
 #: What a single episode decides has no fit to the others; this keeps their equations solvable.
 _LEAST_LEFT = 1e-6
 
@@ -59,8 +59,6 @@ class KernelRegression:
         Cross-validation fold of each point; those of one episode share it.
     fixed : numpy.ndarray, shape (N, p)
         Orthonormal columns that every space contains; they span the constant.
-    max_rank : int
-        Greatest number of further columns.
 
     """
 
@@ -70,12 +68,10 @@ class KernelRegression:
         centers: np.ndarray,
         folds: np.ndarray,
         fixed: np.ndarray,
-        max_rank: int,
     ):
         distances = squared_distances(points, points[centers])
         self._fixed = fixed
         self._folds = [np.flatnonzero(folds == k) for k in range(folds.max() + 1)]
-        self._ranks = _RANKS[max_rank >= _RANKS]
         self._features = [
             residual(
                 np.hstack([points, np.exp(distances / (-2 * width**2 * points.shape[1]))]), fixed
@@ -95,18 +91,16 @@ class KernelRegression:
         spread = np.maximum(targets.var(axis=0), np.finfo(float).tiny)
         return self._best((self._errors(targets) / spread).sum(axis=2))
 
-    def predicted_share(self, targets: np.ndarray) -> float:
-        """Return the share of the variance of targets (N, k) that folds left out show, at most."""
-        if not targets.size:
-            return 0.0
+    def predicted_shares(self, targets: np.ndarray) -> np.ndarray:
+        """Return the share of each target's variance that folds left out show, at most: (k,)."""
         least = self._errors(targets).min(axis=(0, 1))
-        return float(np.mean(1 - least / (len(targets) * targets.var(axis=0))))
+        return 1 - least / (len(targets) * targets.var(axis=0))
 
     def basis(self, space: Space) -> np.ndarray:
         """Return orthonormal columns (N, p + rank) that span a space."""
         variances, directions = self._spectra[space.width]
         features = self._features[space.width]
-        rank = min(self._ranks[space.rank], len(variances))
+        rank = min(_RANKS[space.rank], len(variances))
         scale = np.sqrt(len(features) * variances[:rank])
         return np.hstack([self._fixed, features @ (directions[:, :rank] / scale)])
 
@@ -120,7 +114,7 @@ class KernelRegression:
     def _errors(self, targets: np.ndarray) -> np.ndarray:
         """Return the squared errors in folds left out, shape (widths, ranks, k)."""
         targets = residual(targets, self._fixed)
-        errors = np.zeros((len(_WIDTHS), len(self._ranks), targets.shape[1]))
+        errors = np.zeros((len(_WIDTHS), len(_RANKS), targets.shape[1]))
         for w, (features, folds) in enumerate(zip(self._features, self._left_out, strict=True)):
             moments = features.T @ targets
             for fold in folds:
@@ -142,16 +136,16 @@ class KernelRegression:
         cross = moment - np.outer(fold.total, mean) - np.outer(fold.mean, level - num_here * mean)
         cross = fold.directions.T @ cross
         base = ((here - mean) ** 2).sum(axis=0)
-        errors = np.empty((len(self._ranks), targets.shape[1]))
+        errors = np.empty((len(_RANKS), targets.shape[1]))
         for k in range(targets.shape[1]):
             weighted = gram * np.outer(slopes[:, k], slopes[:, k])
             squares = weighted.cumsum(axis=0).cumsum(axis=1).diagonal()
             gains = np.append(0.0, squares - 2 * np.cumsum(slopes[:, k] * cross[:, k]))
-            errors[:, k] = base[k] + gains[np.minimum(self._ranks, len(slopes))]
+            errors[:, k] = base[k] + gains[np.minimum(_RANKS, len(slopes))]
         return errors
 
     def _best(self, errors: np.ndarray) -> Space:
-        return Space(*divmod(int(errors.argmin()), len(self._ranks)))
+        return Space(*divmod(int(errors.argmin()), len(_RANKS)))
 
 
 def residual(targets: np.ndarray, basis: np.ndarray) -> np.ndarray:

@@ -97,9 +97,17 @@ class TargetTest:
         """Return upper bounds of what products of two channels add: shape (k, k)."""
         return np.max([test.pair_bounds(channels, given) for test in self._tests], axis=0)
 
+    def predicted_shares(self, given: Sequence[int]) -> dict[str, float]:
+        """Return the share of the variance of return, reward or each action that channels predict.
+
+        Variables that do not vary are left out.
+        """
+        return self._tests[0].predicted_shares(given)
+
     def predicted_share(self, given: Sequence[int]) -> float:
-        """Return the share of the variance of return, reward or actions that channels predict."""
-        return self._tests[0].predicted_share(given)
+        """Return the mean of these shares; 0 of none."""
+        shares = self.predicted_shares(given)
+        return sum(shares.values()) / max(len(shares), 1)
 
     def _of_all(self, what: str, candidates, given) -> list[dict]:
         """Return the results of the tests for each candidate, by the names of the variables."""

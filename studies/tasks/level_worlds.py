@@ -2,8 +2,8 @@
 
 """Worlds in which a test easily confirms an irrelevant sensor.
 
-cosine_of_pendulum, angle_of_pole
-    Gymnasium environments with a single visible channel.
+pendulum_in_full, cosine_of_pendulum, angle_of_pole
+    Gymnasium environments, with all channels visible or a single one.
 vibration
     Each reading partly shows the outcome of the episode, by the scale of a vibration.
 fading, late
@@ -16,6 +16,9 @@ heavy_tails
     The noise of the rewards has Student's distribution with 1.5 degrees of freedom: no variance.
 unequal_noise
     The noise of the rewards grows with the visible channel.
+echo_of_action
+    A few long episodes. The reward is a nonlinear function of the action and two sensors; a third
+    sensor measures the action almost exactly.
 windows_memory_0, ..._50, ..._200, ..._1000
     A single drive cut into windows. The reward has a memory of this many steps. No sensor is
     related to it; each has its own memory.
@@ -30,6 +33,7 @@ the visible ones of an independent recording.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
 
@@ -91,17 +95,16 @@ def rollout_level(name: str, num_episodes: int, seed: int) -> list[Episode]:
     episodes = world.rollout(num_episodes, own)
     if not world.relevant:
         return [
-            Episode(np.hstack([e.states, irrelevant(len(e), rest, i)]), e.rewards, source=e.source)
+            replace(e, states=np.hstack([e.states, irrelevant(len(e), rest, i)]))
             for i, e in enumerate(episodes)
         ]
-    others = world.rollout(num_episodes, other)
+    # The relevant channels come first.
+    shown_by_others = [
+        o.states[:, : len(world.relevant)] for o in world.rollout(num_episodes, other)
+    ]
     return [
-        Episode(
-            np.hstack([e.states, irrelevant(len(e), rest, i), _as_long(o.states, len(e))]),
-            e.rewards,
-            source=e.source,
-        )
-        for i, (e, o) in enumerate(zip(episodes, others, strict=True))
+        replace(e, states=np.hstack([e.states, irrelevant(len(e), rest, i), _as_long(o, len(e))]))
+        for i, (e, o) in enumerate(zip(episodes, shown_by_others, strict=True))
     ]
 
 
@@ -212,6 +215,21 @@ def _fleet(has_sources: bool, num_episodes: int, seed: int) -> list[Episode]:
     return episodes
 
 
+def _echo_of_action(num_episodes: int, seed: int) -> list[Episode]:
+    episodes = []
+    for i in range(num_episodes):
+        rng = np.random.default_rng([seed, i])
+        command = np.repeat(rng.choice([-1.0, 0.0, 0.5, 1.0, 1.5], size=15), 20)
+        load = np.repeat(rng.normal(size=12), 25)
+        heat = _remembering(rng.normal(size=300), 50)
+        echo = command + 0.01 * rng.normal(size=300)
+        rewards = np.tanh(command) * (1 + 0.5 * load) - 0.3 * command**2 + 0.5 * heat
+        rewards += 0.3 * rng.normal(size=300)
+        states = np.column_stack([load, heat, echo])
+        episodes.append(Episode(states, rewards, command[:, None]))
+    return episodes
+
+
 def _names(*draws: Callable) -> dict[str, LevelWorld]:
     return {draw.__name__[1:]: LevelWorld(partial(_each, draw), ('x',)) for draw in draws}
 
@@ -219,6 +237,9 @@ def _names(*draws: Callable) -> dict[str, LevelWorld]:
 _OF_MEMORIES: Sequence[str] = tuple(f'other_memory_{m}' for m in _MEMORIES)
 
 LEVEL_WORLDS = {
+    'pendulum_in_full': LevelWorld(
+        partial(rollout_environment, 'pendulum'), ('cosine', 'sine', 'angular_velocity')
+    ),
     'cosine_of_pendulum': LevelWorld(partial(_one_channel, 'pendulum', 0), ('x',)),
     'angle_of_pole': LevelWorld(partial(_one_channel, 'cart_pole', 2), ('x',)),
     'vibration': LevelWorld(partial(_each, _vibration), ('x',), (80,)),
@@ -227,8 +248,9 @@ LEVEL_WORLDS = {
         f'windows_memory_{m}': LevelWorld(partial(_windows, m), _OF_MEMORIES, (50, 200))
         for m in (0, 50, 200, 1000)
     },
+    'echo_of_action': LevelWorld(_echo_of_action, ('load', 'heat', 'other_echo'), (10, 20)),
     'fleet': LevelWorld(partial(_fleet, True), ('x',)),
     'fleet_without_sources': LevelWorld(partial(_fleet, False), ('x',)),
 }
 #: Worlds that need Gymnasium.
-OF_GYMNASIUM = ('cosine_of_pendulum', 'angle_of_pole')
+OF_GYMNASIUM = ('pendulum_in_full', 'cosine_of_pendulum', 'angle_of_pole')

@@ -9,8 +9,9 @@ from hypothesis import strategies as st
 from scipy import special, stats
 
 from cmifs_ros.core.chance import combined_pvalue
-from cmifs_ros.core.samples import Samples
+from cmifs_ros.core.samples import Samples, collect_samples
 from cmifs_ros.core.targets import TargetTest
+from studies.tasks.level_worlds import rollout_level
 
 NUM_EPISODES, NUM_STEPS, GAMMA = 40, 12, 0.9
 
@@ -145,6 +146,17 @@ def test_what_the_given_tell_already_is_nothing():
         assert test([(2,)], (0,))[0] > 0.01
         seen.append(test([(3,)], (0,))[0])
     assert np.mean(np.array(seen) <= 0.05) <= 0.2
+
+
+def test_an_echo_of_the_action_in_a_few_long_episodes_is_no_evidence():
+    pvalues = []
+    for seed in range(12):
+        episodes = rollout_level('echo_of_action', 10, seed)
+        samples = collect_samples(episodes, gamma=0.95, standardize=True)
+        load, heat, echo = 0, 1, 2
+        pvalues.append(conditional_test(samples, 0.95, seed)([(echo,)], [load, heat])[0])
+    assert np.mean(np.array(pvalues) <= 0.05) <= 0.25  # 12 of 12 with ten columns at most
+    assert min(pvalues) > 1e-3
 
 
 def test_the_step_is_given():

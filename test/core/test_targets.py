@@ -46,6 +46,18 @@ def test_a_skilled_controller_is_told_and_its_actions_show_what_it_looks_at():
         ConditionalMISelector().fit(episodes, world.channel_names)
 
 
+def test_of_several_actions_the_one_that_follows_from_the_sensors_is_named():
+    rng = np.random.default_rng(0)
+    states = rng.normal(size=(40, 10, 2))
+    drive = states[..., 0] + 0.1 * rng.normal(size=(40, 10))
+    actions = np.stack([drive, rng.normal(size=(40, 10)), rng.normal(size=(40, 10))], axis=2)
+    episodes = [Episode(s, r, a) for s, r, a in zip(states, drive, actions, strict=True)]
+    with pytest.warns(
+        UserWarning, match=r'follows from the sensors \(drive: 9\d% of its variance\)'
+    ):
+        ConditionalMISelector().fit(episodes, action_names=['drive', 'turn', 'lift'])
+
+
 def test_why_says_for_what_a_sensor_is_needed():
     selector = selected('stakes', 'decision')
     names = [selector.sensor_names_[i] for i in selector.ranking_[: selector.num_features_]]
