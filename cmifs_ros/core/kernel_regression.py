@@ -135,14 +135,10 @@ class KernelRegression:
         gram = fold.directions.T @ gram @ fold.directions
         cross = moment - np.outer(fold.total, mean) - np.outer(fold.mean, level - num_here * mean)
         cross = fold.directions.T @ cross
-        base = ((here - mean) ** 2).sum(axis=0)
-        errors = np.empty((len(_RANKS), targets.shape[1]))
-        for k in range(targets.shape[1]):
-            weighted = gram * np.outer(slopes[:, k], slopes[:, k])
-            squares = weighted.cumsum(axis=0).cumsum(axis=1).diagonal()
-            gains = np.append(0.0, squares - 2 * np.cumsum(slopes[:, k] * cross[:, k]))
-            errors[:, k] = base[k] + gains[np.minimum(_RANKS, len(slopes))]
-        return errors
+        # One direction after another: its square, twice its products with those before, its moment.
+        with_before = 2 * np.tril(gram, -1) @ slopes + gram.diagonal()[:, None] * slopes
+        changes = np.vstack([((here - mean) ** 2).sum(axis=0), slopes * (with_before - 2 * cross)])
+        return changes.cumsum(axis=0)[np.minimum(_RANKS, len(slopes))]
 
     def _best(self, errors: np.ndarray) -> Space:
         return Space(*divmod(int(errors.argmin()), len(_RANKS)))
