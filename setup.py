@@ -48,7 +48,7 @@ setup(
         'bags': ['rosbags>=0.11,<0.12', 'mcap', 'zstandard'],
         'cluster': ['distributed', 'joblib>=1.4'],
         'peers': ['ennemi', 'scikit-learn', 'boruta', 'hidimstat'],
-        'tables': ['pyarrow>=14', 'h5py'],
+        'tables': ['pyarrow>=14', 'h5py', 'pyulog'],
         'tasks': ['gymnasium[mujoco]>=1.0', 'ir-sim'],
         'test': ['pytest', 'hypothesis', 'pexpect'],
         'threads': ['threadpoolctl'],

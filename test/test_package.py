@@ -37,6 +37,7 @@ OPTIONAL = {
     'hidimstat': ('peers', 'hidimstat'),
     'mcap': ('bags', 'mcap'),
     'pyarrow': ('tables', 'pyarrow'),
+    'pyulog': ('tables', 'pyulog'),
     'rosbags': ('bags', 'rosbags'),
     'sklearn': ('peers', 'scikit-learn'),
     'threadpoolctl': ('threads', 'threadpoolctl'),
@@ -71,7 +72,7 @@ def test_core_sim_and_collect_know_no_ros():
     allowed = {
         'core': {'numpy', 'scipy', 'numba', 'threadpoolctl'},
         'sim': {'numpy', 'gymnasium'},
-        'collect': {'numpy', 'yaml', 'rosbags', 'mcap', 'zstandard', 'pyarrow', 'h5py'},
+        'collect': {'numpy', 'yaml', 'rosbags', 'mcap', 'zstandard', 'pyarrow', 'h5py', 'pyulog'},
     }
     for folder, packages in allowed.items():
         for path in (ROOT / 'cmifs_ros' / folder).rglob('*.py'):

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from functools import partial
 from operator import itemgetter
 from pathlib import Path
@@ -17,7 +18,7 @@ from .robot_file.template import robot_file_of_bag, robot_file_of_topics
 from .sampled_episodes import SampledEpisodes
 from .sampling.bag_reader import OpenBag, open_bag, unwatched
 from .sampling.event_order import SECOND
-from .tables import arrow, hdf5, lerobot
+from .tables import arrow, hdf5, lerobot, ulog
 from .tables.observed import observed
 from .tables.table import Table
 from .traffic import Traffic
@@ -25,7 +26,7 @@ from .traffic import Traffic
 _BAGS = ('.mcap', '.db3', '.bag')
 _EXPECTED = (
     'expected a bag (a folder with its metadata.yaml, .mcap, .db3 or .bag), .parquet, .csv, .h5, '
-    ".hdf5, LeRobot's folder, or with a robot file a folder of tables"
+    ".hdf5, LeRobot's folder, or with a robot file .ulg or a folder of tables"
 )
 
 
@@ -39,7 +40,7 @@ def recordings_in(path: Path, robot: RobotFile | None = None) -> list[Path]:
     files = list(path.rglob('*'))
     found = {file.parent for file in files if _is_of_bag(file)}
     found |= {file.parents[1] for file in path.rglob(str(lerobot.INFO))}
-    suffixes = hdf5.SUFFIXES + (arrow.SUFFIXES if robot is None else ())
+    suffixes = hdf5.SUFFIXES + ulog.SUFFIXES + (arrow.SUFFIXES if robot is None else ())
     found |= {f for f in files if f.suffix in suffixes and found.isdisjoint(f.parents)}
     return sorted(found, key=lambda one: hdf5.natural(str(one))) or [path]
 
@@ -63,8 +64,8 @@ def episodes_of_recording(
     Parameters
     ----------
     source : path, data frame, or mapping of str to data frame
-        A bag, a file .parquet, .csv, .h5 or .hdf5, a folder of LeRobot, or with a robot file a
-        folder of tables; or tables in memory: of pandas, or anything that pyarrow accepts.
+        A bag, a file .parquet, .csv, .h5 or .hdf5, a folder of LeRobot, or with a robot file .ulg
+        or a folder of tables; or tables in memory: of pandas, or anything that pyarrow accepts.
     robot : RobotFile, optional
         With one, tables are topics, named after their files or groups, and rows are messages.
         Without one, each row is a step; columns are named as in LeRobot, data sets as in Minari,
@@ -89,12 +90,10 @@ def episodes_of_recording(
         raise RecordingError(f'{path} does not exist; {_EXPECTED}')
     if _is_bag(path):
         return episodes_of_bag(path, robot, watch, open_bag)
-    if path.is_file() and path.suffix in hdf5.SUFFIXES:
-        with hdf5.opened(path) as file:
-            if robot is None:
-                return hdf5.steps_in(path, file)
-            return _sampled(path, hdf5.tables_in(path, file), robot, watch)
-    return _steps_in(path) if robot is None else _sampled(path, _tables_in(path), robot, watch)
+    if robot is None:
+        return _steps_in(path)
+    with _tables_in(path) as tables:
+        return _sampled(path, tables, robot, watch)
 
 
 def robot_file_of_recording(
@@ -119,19 +118,9 @@ def robot_file_of_recording(
         return robot_file_of_bag(path, watch, open_bag)
     if (path / lerobot.INFO).exists():
         raise RecordingError(f'{path} is a data set of LeRobot; it needs no robot file')
-    if path.is_file() and path.suffix in hdf5.SUFFIXES:
-        with hdf5.opened(path) as file:
-            return _robot_file(path, hdf5.tables_in(path, file), watch)
-    return _robot_file(path, _tables_in(path), watch)
-
-
-def _robot_file(
-    path: Path,
-    tables: Mapping[str, Callable[[], Table]],
-    watch: Callable[[Iterable, int], Iterable],
-) -> str:
-    read = {topic: table() for topic, table in tables.items()}
-    heard = [observed(topic, table) for topic, table in watch(read.items(), len(read))]
+    with _tables_in(path) as tables:
+        read = {topic: table() for topic, table in tables.items()}
+        heard = [observed(topic, table) for topic, table in watch(read.items(), len(read))]
     return robot_file_of_topics(path.name, heard, _seconds(read.values()))
 
 
@@ -142,6 +131,11 @@ def _seconds(tables: Iterable[Table]) -> float:
 
 
 def _steps_in(path: Path) -> RecordedEpisodes:
+    if path.is_file() and path.suffix in hdf5.SUFFIXES:
+        with hdf5.opened(path) as file:
+            return hdf5.steps_in(path, file)
+    if path.is_file() and path.suffix in ulog.SUFFIXES:
+        raise RecordingError(f'{path} holds messages; expected a robot file (--robot) for it')
     if (path / lerobot.INFO).exists():
         table = arrow.read_all(path, arrow.files_in(path / lerobot.DATA))
         return lerobot.steps_in(path, table, lerobot.read_info(path))
@@ -150,11 +144,20 @@ def _steps_in(path: Path) -> RecordedEpisodes:
     raise RecordingError(f'{path} is not a recording; {_EXPECTED}')
 
 
-def _tables_in(path: Path) -> dict[str, Callable[[], Table]]:
+@contextmanager
+def _tables_in(path: Path) -> Iterator[Mapping[str, Callable[[], Table]]]:
+    """Give the tables of messages in a recording, by topic."""
+    if path.is_file() and path.suffix in hdf5.SUFFIXES:
+        with hdf5.opened(path) as file:
+            yield hdf5.tables_in(path, file)
+        return
+    if path.is_file() and path.suffix in ulog.SUFFIXES:
+        yield ulog.tables_in(path)
+        return
     files, above = arrow.files_in(path), path if path.is_dir() else path.parent
     if not files:
         raise RecordingError(f'{path} is not a recording; {_EXPECTED}')
-    return {
+    yield {
         f'/{file.relative_to(above).with_suffix("").as_posix()}': partial(_read, file)
         for file in files
     }

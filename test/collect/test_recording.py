@@ -14,13 +14,19 @@ ROBOT = parse_robot_file('step: {rate: 1}\nchannels: {x: /run.x}\nreward: x\nepi
 
 
 @pytest.mark.parametrize(
-    ('package', 'name'), [('pyarrow', 'run.csv'), ('pyarrow', 'run.parquet'), ('h5py', 'run.h5')]
+    ('package', 'name', 'robot'),
+    [
+        ('pyarrow', 'run.csv', None),
+        ('pyarrow', 'run.parquet', ROBOT),
+        ('h5py', 'run.h5', None),
+        ('pyulog', 'run.ulg', ROBOT),
+    ],
 )
-def test_the_package_to_install_is_named(tmp_path, monkeypatch, package, name):
+def test_the_package_to_install_is_named(tmp_path, monkeypatch, package, name, robot):
     monkeypatch.setitem(sys.modules, package, None)
     (tmp_path / name).touch()
     with pytest.raises(RecordingError, match=f'pip install {package}$'):
-        episodes_of_recording(tmp_path / name)
+        episodes_of_recording(tmp_path / name, robot)
 
 
 def test_a_folder_means_the_recordings_in_it(tmp_path):
