@@ -42,15 +42,17 @@ class Constant(NamedTuple):
 
 
 CONSTANTS = (
-    Constant('evidence', '_NUM_CENTERS', (25, 100)),
+    Constant('evidence', '_NUM_CENTERS', ((25, 25), (100, 200))),
     Constant('evidence', '_NUM_FUNCTIONS', (30, 120)),
     Constant('evidence', '_LEAST_OWN_SHARE', (1e-5, 1e-2)),
     Constant('episode_rows', '_MAX_ROWS', (2000,)),
     Constant('episode_rows', '_NUM_FOLDS', (3, 10)),
     Constant('episode_rows', '_MAX_SHIFTS', (20,)),
+    Constant('episode_rows', '_NUM_STEP_COSINES', (0, 3, 10)),
     Constant('products', '_LEAST_VARIANCE', (1e-1, 1e-3)),
     Constant('kernel_regression', '_WIDTHS', ((1.2,), (0.6, 2.4))),
-    Constant('kernel_regression', '_RANKS', (np.array([0, 4, 16, 64]), np.arange(91))),
+    Constant('kernel_regression', '_RANKS', (np.array([0, 4, 16, 64]), np.arange(12))),
+    Constant('kernel_regression', '_LEAST_VARIANCE', (1e-4, 1e-9)),
     Constant('drift', '_PRICE', (2.0, 1e9)),
     Constant('chance', '_GREATEST', (0.99,)),
 )
