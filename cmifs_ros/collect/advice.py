@@ -178,7 +178,8 @@ def _conditions(sensors: Sequence[SensorResult]) -> tuple[str, ...]:
 
 
 def _most(counts: Sequence[int | None]) -> int | None:
-    return None if None in counts else max(counts)
+    known = [count for count in counts if count is not None]
+    return max(known) if len(known) == len(counts) else None
 
 
 def _more_episodes(sensor: SensorResult | None, selection: Selection) -> int | None:

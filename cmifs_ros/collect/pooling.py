@@ -127,7 +127,7 @@ class _Recorded:
         self.path, self.source = path, source
         self._episodes = list(compress(recording.episodes, which))
         self._has_times = recording.stamps is not None
-        if self._has_times:
+        if recording.stamps is not None:
             self._stamps = np.concatenate(list(compress(recording.stamps, which)))
             self._states = np.concatenate([episode.states for episode in self._episodes])
             self._order = np.argsort(self._stamps, kind='stable')

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -35,7 +35,7 @@ class Episode:
 
     states: np.ndarray
     rewards: np.ndarray
-    actions: np.ndarray | None = None
+    actions: np.ndarray = field(default=None)
     source: str = ''
 
     def __post_init__(self):

@@ -37,9 +37,9 @@ class Samples:
     states: np.ndarray
     owner: np.ndarray
     step: np.ndarray
-    rewards: np.ndarray = field(default=None)  # type: ignore[assignment]
-    actions: np.ndarray = field(default=None)  # type: ignore[assignment]
-    sources: np.ndarray = field(default=None)  # type: ignore[assignment]
+    rewards: np.ndarray = field(default=None)
+    actions: np.ndarray = field(default=None)
+    sources: np.ndarray = field(default=None)
 
     def __post_init__(self):
         if self.rewards is None:

@@ -135,7 +135,8 @@ def collect_episodes(
     episodes = []
     for i in range(num_episodes):
         observation, _ = env.reset(seed=seed if i == 0 else None)
-        states, rewards, actions, has_ended = [], [], [], False
+        states, actions, has_ended = [], [], False
+        rewards: list[float] = []
         while not has_ended and len(rewards) < max_steps:
             action = env.action_space.sample() if policy is None else policy(observation)
             states.append(flatten(observation))

@@ -27,8 +27,9 @@ def layout_of(
         None: before the first selection.
 
     """
-    is_full = layout == 'full' or selected is None
-    return [name for name in channel_names if is_full or name in selected]
+    if layout == 'full' or selected is None:
+        return list(channel_names)
+    return [name for name in channel_names if name in selected]
 
 
 class StateFilter:

@@ -110,9 +110,8 @@ class ObservedField:
         if self._categories is not None:
             raw = self._raw(message)
             is_whole = isinstance(raw, (int, bytes)) and not isinstance(raw, bool)
-            self._categories = self._categories | {int(self._newest[0])} if is_whole else None
-            if is_whole and len(self._categories) > MOST_CATEGORIES:
-                self._categories = None
+            found = self._categories | {int(self._newest[0])} if is_whole else None
+            self._categories = found if found and len(found) <= MOST_CATEGORIES else None
 
     def _raw(self, message) -> object:
         found = self.path.values_in(message)

@@ -91,7 +91,7 @@ def parse_robot_file(text: str) -> RobotFile:
         raise RobotFileError(f'not YAML: {" ".join(str(error).split())[:300]}') from None
     reader = _FileReader()
     robot = reader.robot(root)
-    if reader.mistakes:
+    if robot is None or reader.mistakes:
         raise RobotFileError(
             '\n'.join(f'line {line}: {what}' for line, what in sorted(reader.mistakes))
         )
