@@ -43,6 +43,7 @@ def fields_of(selection: Selection, topics: SensorTopics | None = None) -> dict[
         'seconds': selection.seconds,
         'outdated': selection.outdated,
         'target': selection.target,
+        'gamma': selection.gamma,
         'predicted_share': selection.predicted_share,
         'predicted_share_of_all': selection.predicted_share_of_all,
         'margin': selection.margin,
@@ -84,6 +85,7 @@ def selection_of(fields: dict[str, Any]) -> Selection:
         outdated=count_of(fields['outdated']),
         number=count_of(fields['number']),
         target=_one_of(TARGETS, fields['target'], 'target'),
+        gamma=_number_or_none(fields.get('gamma')),  # Absent in old files.
         predicted_share=_number_or_none(fields['predicted_share']),
         predicted_share_of_all=_number_or_none(fields['predicted_share_of_all']),
         margin=_number_or_none(fields['margin']),

@@ -235,7 +235,7 @@ class ConditionalMISelector(SensorSelector):
         if self.criterion == 'plug_in':
             self._keep_evidence(EvidenceRanking([], [], np.empty((0, 3)), 0))
             return self._rank_by_score(self._criterion(samples, self._bins), sensors)
-        self._warn_of(problems_of_data(episodes, self.gamma, ordered=self._ordered))
+        self._warn_of(problems_of_data(episodes, names, self.gamma, ordered=self._ordered))
         varying = np.ptp(samples.states, axis=0) > 0
         live = [i for i, sensor in enumerate(sensors) if varying[list(sensor)].any()]
         constant = [i for i in range(len(sensors)) if i not in live]

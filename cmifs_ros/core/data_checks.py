@@ -11,7 +11,7 @@ import numpy as np
 from .drift import share_of_drift
 from .episode import Episode
 from .returns import discounted_returns
-from .words import counted
+from .words import counted, listed
 
 #: Warn if at least this share of the variance of the episodes' mean returns is slow drift.
 _MUCH_DRIFT = 0.5
@@ -23,6 +23,9 @@ _FEW_INDEPENDENT = 0.5
 _RUN, _MUCH_OVERLAP = 3, 0.05
 #: Number of runs compared.
 _MAX_RUNS = 100_000
+#: Warn of channels with at least this share of the variance of their episode means between sources,
+#: if the return has at least that.
+_MUCH_BETWEEN, _SOME_BETWEEN = 0.9, 0.2
 #: Warn if the channels predict at least this share of the action's variance.
 _MUCH_PREDICTED = 0.5
 _MAX_PREDICTORS = 3
@@ -50,12 +53,16 @@ def independent_episodes(episodes: Sequence[Episode], gamma: float) -> float:
     return float(max(count / time, 1.0))
 
 
-def problems_of_data(episodes: Sequence[Episode], gamma: float, *, ordered: bool) -> list[str]:
+def problems_of_data(
+    episodes: Sequence[Episode], names: Sequence[str], gamma: float, *, ordered: bool
+) -> list[str]:
     """Return warnings about errors in the episodes, or limits of what they can show.
 
     Parameters
     ----------
     episodes : sequence of Episode
+    names : sequence of str
+        Names of the channels.
     gamma : float
         Discount factor of the return.
     ordered : bool
@@ -63,6 +70,7 @@ def problems_of_data(episodes: Sequence[Episode], gamma: float, *, ordered: bool
 
     """
     problems = _problems_of_rewards(episodes) + _problems_of_overlap(episodes)
+    problems += _problems_of_sources(episodes, names, gamma)
     if ordered:
         problems += _problems_of_order(episodes, gamma)
     return problems
@@ -156,6 +164,36 @@ def _problems_of_overlap(episodes) -> list[str]:
         f'{repeated / total:.0%} of the steps are in two episodes, as with overlapping windows or '
         'a drive recorded twice, and count twice: use windows that do not overlap'
     ]
+
+
+def _problems_of_sources(episodes, names, gamma) -> list[str]:
+    """Name channels that differ mostly between sources if the return differs between them."""
+    _, source = np.unique([episode.source for episode in episodes], return_inverse=True)
+    num_sources, count = source.max() + 1, len(episodes)
+    if not 1 < num_sources < count:
+        return []
+    # Group means alone explain (num_sources - 1) / (count - 1) of any variable by chance.
+    of_return = _share_between(_mean_returns(episodes, gamma)[:, None], source)[0]
+    if of_return <= max(_SOME_BETWEEN, 3 * (num_sources - 1) / (count - 1)):
+        return []
+    shares = _share_between(np.array([episode.states.mean(axis=0) for episode in episodes]), source)
+    differing = [f'{names[c]} ({s:.0%})' for c, s in enumerate(shares) if s >= _MUCH_BETWEEN]
+    if not differing:
+        return []
+    return [
+        f'the return differs between the {num_sources} sources ({of_return:.0%} of the variance '
+        f'between episodes), and so do {listed(differing)}: differences between sources are no '
+        'evidence, since a robot has many of its own; record more robots, or each robot under '
+        'several conditions'
+    ]
+
+
+def _share_between(values: np.ndarray, groups: np.ndarray) -> np.ndarray:
+    """Return the share of the variance of values (M, k) that is between groups: (k,)."""
+    counts = np.bincount(groups)
+    means = np.stack([np.bincount(groups, column) for column in values.T], axis=1)
+    means = (means / counts[:, None])[groups]
+    return means.var(axis=0) / np.maximum(values.var(axis=0), np.finfo(float).tiny)
 
 
 def _problems_of_order(episodes, gamma) -> list[str]:

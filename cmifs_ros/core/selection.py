@@ -101,6 +101,8 @@ class Selection:
         Running number of a selection that a node uses; 0 if it is not in use.
     target : str
         The question; see `targets`.
+    gamma : float or None
+        Discount factor per step of the return.
     predicted_share, predicted_share_of_all : float or None
         Share of the target's variance that the selected sensors, and all sensors, predict in
         held-out episodes.
@@ -126,6 +128,7 @@ class Selection:
     outdated: int = 0
     number: int = 0
     target: str = RETURN
+    gamma: float | None = None
     predicted_share: float | None = None
     predicted_share_of_all: float | None = None
     warnings: tuple[str, ...] = ()
@@ -230,6 +233,7 @@ def select(
         spreads=tuple(spreads.tolist()),
         outdated=outdated,
         target=selector.target if method == 'conditional_mi' else RETURN,
+        gamma=getattr(selector, 'gamma', None),
         predicted_share=getattr(selector, 'predicted_share_', None),
         predicted_share_of_all=getattr(selector, 'predicted_share_of_all_', None),
         warnings=tuple(getattr(selector, 'warnings_', ())),

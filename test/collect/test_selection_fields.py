@@ -51,6 +51,7 @@ def selections(draw):
         number=draw(st.integers(0, 10**6)),
         outdated=3,
         target=draw(st.sampled_from(TARGETS)),
+        gamma=draw(st.none() | numbers),
         predicted_share=draw(st.none() | numbers),
         predicted_share_of_all=draw(st.none() | numbers),
         margin=draw(st.none() | st.floats(0, 1, exclude_min=True, exclude_max=True)),

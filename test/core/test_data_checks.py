@@ -55,6 +55,25 @@ def test_windows_that_overlap_are_told():
     assert 'two episodes' not in told(whole)
 
 
+@pytest.mark.parametrize('robots_differ', [True, False])
+def test_a_channel_that_differs_between_robots_as_the_return_does_is_named(robots_differ):
+    rng = np.random.default_rng(3)
+    zeros, levels = rng.normal(size=(2, 5)) * robots_differ
+    episodes = [
+        Episode(
+            np.column_stack([zeros[i // 8] + 0.1 * rng.normal(size=10), rng.normal(size=10)]),
+            levels[i // 8] + rng.normal() + rng.normal(size=10),
+            source=f'robot_{i // 8}',
+        )
+        for i in range(40)
+    ]
+    said = told(episodes, names=['gyro', 'slip'])
+    assert ('between the 5 sources' in said and 'gyro' in said) == robots_differ
+    assert 'slip' not in said
+    unnamed = [Episode(e.states, e.rewards) for e in episodes]
+    assert 'sources' not in told(unnamed, names=['gyro', 'slip'])
+
+
 @pytest.mark.parametrize('share', [0.0, 0.8])
 def test_episodes_that_resemble_their_neighbours_are_worth_fewer(share):
     # An autoregression of order 1 has the integrated autocorrelation time (1 + a) / (1 - a).
