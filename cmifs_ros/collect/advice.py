@@ -26,7 +26,7 @@ from .traffic import Rate, rate_in_words
 _ALPHA = 0.05
 #: Largest excess of the standard error for which the number of episodes can be estimated.
 _MAX_EXCESS = 100
-#: Up to this share of undecided sensors no other target is advised.
+#: Above this share of undecided sensors, another target is recommended.
 _FEW = 0.25
 _SCOPES = {
     RETURN: 'This is about the return under the recorded controller. A controller that is to be '
@@ -131,7 +131,7 @@ def _hints(selection: Selection) -> tuple[str, ...]:
     if selection.episodes < FEWEST_EPISODES:
         episodes = counted(selection.episodes, 'episode')
         return (
-            f'From {episodes} nothing can be called dispensable; expected at least '
+            f'{episodes} are too few to call a sensor dispensable; expected at least '
             f'{FEWEST_EPISODES}, better 50.',
         )
     undecided = [sensor for sensor in selection.sensors if sensor.status == UNDECIDED]
@@ -139,7 +139,7 @@ def _hints(selection: Selection) -> tuple[str, ...]:
         return (
             f'{len(undecided)} of {counted(len(selection.sensors), "sensor")} are undecided. Try '
             'target: decision, in the robot file or as --target decision. It looks one step ahead, '
-            'where fewer episodes often decide; it needs the actions, if there are any.',
+            'which often needs fewer episodes; it needs the actions, if there are any.',
         )
     return ()
 

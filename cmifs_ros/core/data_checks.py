@@ -23,13 +23,13 @@ _FEW_INDEPENDENT = 0.5
 _RUN, _MUCH_OVERLAP = 3, 0.05
 #: Number of runs compared.
 _MAX_RUNS = 100_000
-#: Warn of channels with at least this share of the variance of their episode means between sources,
-#: if the return has at least that.
+#: Warn about channels with at least this share of the variance of their episode means between
+#: sources, if the return has at least this share, too.
 _MUCH_BETWEEN, _SOME_BETWEEN = 0.9, 0.2
 #: Warn if the channels predict at least this share of the action's variance.
 _MUCH_PREDICTED = 0.5
 _MAX_PREDICTORS = 3
-#: The share of each action's variance that channels predict.
+#: Returns the share of each action's variance that channels predict.
 Shares = Callable[[list[int]], dict[str, float]]
 
 
@@ -82,7 +82,7 @@ def problems_of_skill(predicted_shares: Shares, num_channels: int) -> list[str]:
     Parameters
     ----------
     predicted_shares : callable
-        Gives the share of each action's variance that channels predict, by its name.
+        Returns the share of each action's variance that channels predict, by name.
     num_channels : int
 
     """
@@ -97,14 +97,14 @@ def problems_of_skill(predicted_shares: Shares, num_channels: int) -> list[str]:
         f'{action}: {share:.0%} of its variance' for action, share in skilled.items()
     )
     return [
-        f'the action follows from the sensors ({listed}): where a controller always acts alike, '
+        f'the action follows from the sensors ({listed}): if a controller always acts alike, '
         "the return cannot show what its sensors are good for; target 'action' finds what the "
         'controller looks at'
     ]
 
 
 def _best_share(predicted_shares: Shares, action: str, num_channels: int) -> float:
-    """Return the share that a few channels predict, each the best beside those before."""
+    """Return the share that few channels predict, each the best given the previous ones."""
     chosen: list[int] = []
     best = 0.0
     while len(chosen) < min(_MAX_PREDICTORS, num_channels) and best < _MUCH_PREDICTED:
@@ -167,7 +167,7 @@ def _problems_of_overlap(episodes) -> list[str]:
 
 
 def _problems_of_sources(episodes, names, gamma) -> list[str]:
-    """Name channels that differ mostly between sources if the return differs between them."""
+    """Return a warning about channels that differ mostly between sources, like the return."""
     _, source = np.unique([episode.source for episode in episodes], return_inverse=True)
     num_sources, count = source.max() + 1, len(episodes)
     if not 1 < num_sources < count:
@@ -183,7 +183,7 @@ def _problems_of_sources(episodes, names, gamma) -> list[str]:
     return [
         f'the return differs between the {num_sources} sources ({of_return:.0%} of the variance '
         f'between episodes), and so do {listed(differing)}: differences between sources are no '
-        'evidence, since a robot has many of its own; record more robots, or each robot under '
+        'evidence, because robots differ in many ways; record more robots, or each robot under '
         'several conditions'
     ]
 

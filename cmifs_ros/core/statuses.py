@@ -4,7 +4,7 @@
 
 #: `confirmed`: there is evidence that the sensor is informative given the other selected ones.
 #: `dispensable`: there is none, and with 95 % confidence it adds less than a margin to what the
-#: others predict; with fewer than `FEWEST_EPISODES` none is, as the error of a share is too
-#: uncertain. `undecided`: neither; more episodes may settle it.
+#: others predict; with fewer than `FEWEST_EPISODES`, none is, because the error of a share is
+#: too uncertain. `undecided`: neither; more episodes may settle it.
 CONFIRMED, UNDECIDED, DISPENSABLE = STATUSES = ('confirmed', 'undecided', 'dispensable')
 FEWEST_EPISODES = 20

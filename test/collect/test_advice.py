@@ -130,7 +130,7 @@ def test_where_the_interval_does_not_tell_no_number_is_guessed(effect):
 @pytest.mark.parametrize('episodes', [2, 19])
 def test_from_few_episodes_nothing_can_go_and_it_is_said_what_is_missing(episodes):
     text = ' '.join(advice_lines(advice_of(replace(selection(X, BATTERY), episodes=episodes))))
-    assert text.endswith('can be called dispensable; expected at least 20, better 50.')
+    assert text.endswith('too few to call a sensor dispensable; expected at least 20, better 50.')
     enough = advice_lines(advice_of(replace(selection(X, BATTERY), episodes=20)))
     assert 'at least 20' not in ' '.join(enough)
 

@@ -149,7 +149,7 @@ def _check(node: ast.expr, numbers: set[str], words: dict[str, set[str]]) -> Non
 
 
 def _compared_text(node: ast.Compare) -> tuple[ast.expr, str] | None:
-    """Return a name, or `before(name)`, and the word that it is compared with, if it is so."""
+    """Return a name, or `before(name)`, and the word it is compared with, if any."""
     if len(node.ops) > 1 or not isinstance(node.ops[0], (ast.Eq, ast.NotEq)):
         return None
     for name, word in ((node.left, node.comparators[0]), (node.comparators[0], node.left)):

@@ -189,7 +189,7 @@ class _FileReader(SourceReader):
     def _with_words(
         self, sources: tuple[Source, ...], rules: Iterable[Expression | FieldPath | None], node
     ) -> tuple[Source, ...]:
-        """Return the sources, the texts among them with the words that they are compared with."""
+        """Return the sources; texts get the words they are compared with."""
         words: dict[str, set[str]] = {}
         numbers: set[str] = set()
         for rule in rules:
@@ -212,7 +212,7 @@ class _FileReader(SourceReader):
         if len(set(names)) < len(names) and not self.mistakes:
             repeated = next(name for name in names if names.count(name) > 1)
             self.note(
-                node, f'{repeated!r} is a channel and a word of the text '
+                node, f'{repeated!r} is a channel and also a word of the text '
                 f'{repeated.split(".")[0]!r}; expected another name for one of them',
             )  # fmt: skip
         return tuple(with_words)

@@ -114,7 +114,7 @@ def has_rosbags() -> bool:
     return all(find_spec(package) is not None for package in ('rosbags', 'mcap'))
 
 
-#: Opens a bag, as `open_bag` does.
+#: A function that opens a bag, like `open_bag`.
 OpenBag = Callable[[str | Path], AbstractContextManager[BagReader]]
 
 

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""What the messages of a bag mean: their types, as the bag defines them, read by rosbags."""
+"""The message types of a bag, as the bag defines them, decoded by rosbags."""
 
 from __future__ import annotations
 
@@ -31,14 +31,14 @@ class MessageTypes(Protocol):
     unreadable: dict[str, str]
 
     def decode(self, connection: Connection, data: bytes) -> object:
-        """Return a message; raise whatever its decoder raises."""
+        """Decode a message; pass on any exception of its decoder."""
 
     def fields_of(self, kind: str) -> list[TypeField]:
         """Return the fields of a type, in order."""
 
 
 class RosbagsTypes:
-    """`MessageTypes` by rosbags, of whatever types the bag itself defines.
+    """`MessageTypes` by rosbags, with the types that the bag defines.
 
     Attributes
     ----------
@@ -62,7 +62,7 @@ class RosbagsTypes:
 
 
 def _typestore(connections: Iterable[Connection]) -> tuple[Any, dict[str, str]]:
-    """Return the types of a bag, and why the messages of some of its topics cannot be decoded."""
+    """Return the types of a bag, and by topic why messages cannot be decoded."""
     from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
     jazzy = get_typestore(Stores.ROS2_JAZZY).fielddefs
@@ -112,5 +112,5 @@ def _what(node: tuple) -> str:
 
 
 def shown(error: Exception) -> str:
-    """Return an error of a foreign package in short."""
+    """Return a short text of an error from another package."""
     return f'{type(error).__name__}: {" ".join(str(error).split())[:300]}'

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""What the columns of a table of messages could be in a robot file."""
+"""Observe the columns of a table of messages for a first robot file."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from cmifs_ros.collect.robot_file.template import MAX_LOOKS
 from .table import NANOSECONDS, SECONDS, Table
 
 _ROOT = 'table'
-#: At the root, columns that tell the time of a row.
+#: Columns with the time of a row, at the root.
 _TIMES = (SECONDS, NANOSECONDS, 'header')
-#: Fields that together are a quaternion, and what ROS calls it.
+#: Fields that form a quaternion, and its ROS type.
 _QUATERNION = ({'w', 'x', 'y', 'z'}, 'geometry_msgs/msg/Quaternion')
-#: So many rows are searched for the first value of a column.
+#: Rows searched for the first value of a column.
 _MAX_EMPTY = 10_000
 
 
@@ -42,7 +42,7 @@ def observed(topic: str, table: Table) -> ObservedTopic:
 
 
 def _what(kind: str, found, count: int) -> str:
-    """Return the content of a column, or of columns below a name, as a `TypeField` says it."""
+    """Return the `kind` (see `TypeField`) of a column, or of columns below a name."""
     if isinstance(found, dict):
         parts, name = _QUATERNION
         return name if found.keys() == parts else kind

@@ -75,7 +75,7 @@ class Table:
             fields[last] = columns[column]
 
     def columns_in(self, name: str) -> dict:
-        """Return what is below a name, by its next part: columns, or mappings of them."""
+        """Return the columns below a name by the next part of theirs, or mappings of them."""
         found = self._fields
         for part in name.split('.') if name else ():
             found = found[part]
