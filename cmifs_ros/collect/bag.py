@@ -13,6 +13,7 @@ from cmifs_ros.collect.episodes.pairing import EpisodeAssembler
 from cmifs_ros.collect.episodes.reward_reader import RewardReader
 from cmifs_ros.collect.recorded_episodes import RecordedEpisodes, RecordingError
 from cmifs_ros.collect.robot_file import RobotFile
+from cmifs_ros.collect.robot_file.path_check import problems_of_paths
 from cmifs_ros.collect.sampled_episodes import MAX_EPISODE_STEPS, Collector, SampledEpisodes
 from cmifs_ros.collect.sampling.bag_reader import (
     BagError,
@@ -72,6 +73,10 @@ def episodes_of_bag(
         for topic in topics:
             if topic in reader.unreadable:
                 raise BagError(f'{path}: {topic} cannot be read: {reader.unreadable[topic]}')
+        if robot is not None:
+            types = {name: next(iter(kinds[topic])) for topic, name in topics.items()}
+            if problems := problems_of_paths(robot, types, reader.types.fields_of):
+                raise BagError('\n'.join([f'{path} does not fit the robot file:', *problems]))
         clock = reader.topics.get(CLOCK)
         has_clock = clock is not None and clock.msgtype == 'rosgraph_msgs/msg/Clock'
         read = {*topics, CLOCK} if has_clock else set(topics)

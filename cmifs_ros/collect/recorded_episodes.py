@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -11,6 +12,7 @@ import numpy as np
 
 from cmifs_ros.core import Episode
 
+from .episodes.episode_check import Condition
 from .traffic import Traffic
 
 
@@ -51,6 +53,8 @@ class RecordedEpisodes:
         Unit of `num_read`: `message` or `step`.
     no_rewards : str
         Why there are no rewards; empty if there are.
+    ends : mapping of Condition to collections.Counter
+        How often the conditions that end episodes were true, false and unknown (None).
 
     """
 
@@ -68,6 +72,7 @@ class RecordedEpisodes:
     traffic: Traffic = field(default_factory=Traffic)
     unit: str = 'message'
     no_rewards: str = ''
+    ends: Mapping[Condition, Counter[bool | None]] = field(default_factory=dict)
 
     @property
     def distances(self) -> np.ndarray:

@@ -5,21 +5,27 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections import Counter
 from collections.abc import Collection, Mapping
 
 from cmifs_ros.core import Episode
-from cmifs_ros.core.words import first
+from cmifs_ros.core.words import did_you_mean, first
 
 from .episodes.builder import EpisodeBuilder
 from .episodes.drops import explained
+from .episodes.episode_check import Condition
 from .recorded_episodes import RecordedEpisodes, RecordingError
 from .robot_file import RobotFile
+from .sampling.missing_values import NOT_YET
 from .sampling.sampler import Sampler
 from .sampling.step import Step
 from .traffic import Traffic
 
 #: Like the selector's parameter max_episode_steps.
 MAX_EPISODE_STEPS = 1000
+
+#: What happens to an episode of which the sampler lacks a step.
+_LACKING = {'step_gap', 'joined_midway', 'lost_end'}
 
 
 class Collector(ABC):
@@ -42,6 +48,16 @@ class Collector(ABC):
     def num_between(self) -> int:
         """Steps that belong to no episode."""
         return 0
+
+    @property
+    def ends(self) -> Mapping[Condition, Counter[bool | None]]:
+        """How often the conditions that end episodes were true, false and unknown."""
+        return {}
+
+    @property
+    def broken(self) -> Mapping[str, int]:
+        """Number of dropped episodes by cause, without those that `finish` explains."""
+        return self.builder.dropped
 
     @property
     @abstractmethod
@@ -92,7 +108,7 @@ class Collector(ABC):
     ) -> RecordedEpisodes:
         """Return the collected episodes, when all messages were added."""
         dropped, builder = self.finish(), self.builder
-        dropped |= {explained('episodes', cause): n for cause, n in builder.dropped.items()}
+        dropped |= {explained('episodes', cause): n for cause, n in self.broken.items() if n}
         if builder.num_partly_acting:
             cause = 'actions of episodes in which some steps have none'
             dropped[cause] = builder.num_partly_acting
@@ -100,7 +116,7 @@ class Collector(ABC):
             self.channel_names, self.episodes, num_read, self.action_names, builder.stamps,
             num_between=self.num_between, num_cut=builder.num_cut,
             num_open_steps=builder.num_open_steps, dropped=dropped, unreadable=unreadable,
-            traffic=traffic,
+            traffic=traffic, ends=self.ends,
         )  # fmt: skip
 
 
@@ -127,13 +143,30 @@ class SampledEpisodes(Collector):
         """Steps that belong to no episode."""
         return self._sampler.num_between
 
+    @property
+    def ends(self) -> Mapping[Condition, Counter[bool | None]]:
+        """How often the conditions that end episodes were true, false and unknown."""
+        return self._sampler.end_looks
+
+    @property
+    def broken(self) -> Mapping[str, int]:
+        """Number of dropped episodes by cause, without those that lack what the sampler names."""
+        left = self._sampler.ends.total_lost
+        broken = dict(self.builder.dropped)
+        for cause in _LACKING & broken.keys():
+            named = min(left, broken[cause])
+            broken[cause] -= named
+            left -= named
+        return broken
+
     def topics_among(self, topics: Mapping[str, Collection[str]], path) -> dict[str, str]:
         """Return the topics to read; see `Collector`."""
         found = {name: _topics_called(name, topics) for name in self._robot.topics}
         missing = [name for name, called in found.items() if not called]
         if missing:
             raise RecordingError(
-                f'{path} lacks {", ".join(sorted(missing))} of the robot file; it has '
+                f'{path} lacks {", ".join(sorted(missing))} of the robot file'
+                f'{did_you_mean(sorted(missing)[0], list(topics))}; it has '
                 f'{", ".join(sorted(topics))[:1000] or "no topics"}'
             )
         for name, called in found.items():
@@ -170,12 +203,18 @@ class SampledEpisodes(Collector):
         self._collect(sampler.flush())
         dropped = {f'late messages of {t}': n for t, n in sampler.late.items() if n}
         dropped |= {
-            f'wrong messages of {t}, such as: {sampler.last_wrong[t]}': n
+            f'{"all" if n == sampler.received[t] else "wrong"} messages of {t}, such as: '
+            f'{sampler.last_wrong[t]}': n
             for t, n in sampler.wrong.items()
             if n
         }
         lacking = sampler.missing.in_words(sampler.missing.counts)
-        dropped |= {f'steps without {what}': n for what, n in lacking.items()}
+        dropped |= {
+            f'steps without {what}': n for what, n in lacking.items() if not what.endswith(NOT_YET)
+        }
+        num_before, last = sampler.missing.before_first()
+        if num_before:
+            dropped[f'steps at the beginning, before the first message of {last}'] = num_before
         return dropped | sampler.ends.dropped_in_words()
 
 

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from difflib import get_close_matches
 
 
 def counted(count: int | str, noun: str) -> str:
@@ -26,3 +27,9 @@ def first(texts: Sequence[str]) -> str:
     """Return the first eight texts and the number of the others."""
     more = [f'{len(texts) - 8} more'] if len(texts) > 8 else []
     return ', '.join([*texts[:8], *more])
+
+
+def did_you_mean(name: str, known: Sequence[str]) -> str:
+    """Return the known name most like a misspelt one, to be appended; empty if none is."""
+    found = get_close_matches(name[:100], [one[:100] for one in known], 1)
+    return f' (did you mean {found[0]!r}?)' if found else ''

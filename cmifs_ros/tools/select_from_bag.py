@@ -15,7 +15,7 @@ from pathlib import Path
 from cmifs_ros.collect.advice import Advice, advice_lines, advice_of
 from cmifs_ros.collect.discount import Discount, in_words
 from cmifs_ros.collect.episodes import file as episode_file
-from cmifs_ros.collect.episodes.episode_check import problems_of_episodes
+from cmifs_ros.collect.episodes.episode_check import problems_of_ends, problems_of_episodes
 from cmifs_ros.collect.episodes.reward_check import problem_of_target
 from cmifs_ros.collect.pooling import Pool, pooled
 from cmifs_ros.collect.recorded_episodes import RecordedEpisodes, RecordingError
@@ -185,6 +185,11 @@ def _select(
         sum(one.num_cut for one in recordings),
         sum(one.num_open_steps for one in recordings),
     )
+    looks: dict = {}
+    for one in recordings:
+        for condition, counts in one.ends.items():
+            looks[condition] = looks.get(condition, Counter()) + counts
+    problems = problems_of_ends(looks) + problems
     if len(pool.episodes) < 2:
         raise RecordingError('; '.join([*pool.notes, *problems]))
     for problem in (*pool.notes, *problems):

@@ -9,7 +9,7 @@ pytest.importorskip('rosbags', reason='rosbags is not here')
 from bags import STORE
 from rosbags.rosbag2 import StoragePlugin, Writer
 
-from cmifs_ros.collect.bag import episodes_of_bag
+from cmifs_ros.collect.bag import BagError, episodes_of_bag
 from cmifs_ros.collect.robot_file.reader import parse_robot_file
 
 SECOND = 10**9
@@ -101,3 +101,50 @@ def test_losses_are_told_by_the_kind_of_end(tmp_path):
         'that ended otherwise'
     )
     assert bag.dropped[said] == 10
+
+
+def robot(**more):
+    said = {'a': '/a.point.x', 'reward': 'a', 'episode': '{steps: 3}'} | more
+    return parse_robot_file(
+        f'step: {{topic: /a}}\nchannels: {{a: {said["a"]}, b: /b.point.x, c: /c.point.x}}\n'
+        f'reward: {said["reward"]}\nepisode: {said["episode"]}\n'
+    )
+
+
+def late_topics(tmp_path):
+    """Return a bag of 20 steps, of which /b begins at the third and /c at the fifth."""
+    first = {'/a': 0, '/b': 2, '/c': 4}
+    return write(
+        tmp_path / 'bag',
+        [
+            (SECOND * (k + 9), topic, point(SECOND * (k + 9), k))
+            for k in range(20)
+            for topic in first
+            if k >= first[topic]
+        ],
+    )
+
+
+def test_the_beginning_of_a_bag_is_one_line_of_what_was_dropped(tmp_path):
+    bag = episodes_of_bag(late_topics(tmp_path), robot())
+    assert dict(bag.dropped) == {'steps at the beginning, before the first message of /c': 4}
+
+
+def test_a_path_that_no_message_can_have_is_refused_before_reading(tmp_path):
+    path = late_topics(tmp_path)
+
+    def watch(messages, total):
+        raise AssertionError('a message is read')
+
+    with pytest.raises(BagError, match=r"(?m)^a: /a\.point has no field 'q'") as error:
+        episodes_of_bag(path, robot(a='/a.point.q', reward='/b.point.q'), watch)
+    assert len(str(error.value).splitlines()) == 3
+    with pytest.raises(BagError, match=r'reward: /a\.header\.frame_id is a text'):
+        episodes_of_bag(path, robot(reward='/a.header.frame_id'), watch)
+
+
+def test_how_often_the_ends_were_true_is_known(tmp_path):
+    bag = episodes_of_bag(late_topics(tmp_path), robot(episode='{terminated: a > -1}'))
+    ((condition, counts),) = bag.ends.items()
+    assert (condition.text, set(counts)) == ('terminated: a > -1', {True})
+    assert (bag.episodes, bag.num_between) == ([], 16)

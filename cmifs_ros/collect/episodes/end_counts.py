@@ -50,6 +50,11 @@ class EndCounts:
         """Return the number of lost episodes with a kind of end."""
         return self.lost[kind].total() if kind in self.lost else 0
 
+    @property
+    def total_lost(self) -> int:
+        """The number of episodes that are lost, however they ended."""
+        return sum(map(self.num_lost, self.lost))
+
     def dropped_in_words(self) -> dict[str, int]:
         """Return messages about losses by kind of end, with their counts."""
         said = {self._lost_in_words(kind): self.num_lost(kind) for kind in self.lost}

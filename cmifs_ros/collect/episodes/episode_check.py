@@ -4,7 +4,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 from cmifs_ros.core.statuses import FEWEST_EPISODES
 from cmifs_ros.core.words import counted
@@ -13,6 +15,43 @@ _SAY_ENDS = (
     'define when an episode ends: `episode` in the robot file (`steps: 25` gives windows of 25 '
     'steps), or `terminated` and `truncated` in the reward messages'
 )
+
+
+class Condition(NamedTuple):
+    """A condition that ends episodes, as the robot file says it.
+
+    `is_of_messages`: messages tell whether it is true, else the values at each step.
+    """
+
+    text: str
+    is_of_messages: bool
+
+
+def problems_of_ends(looks: Mapping[Condition, Counter[bool | None]]) -> list[str]:
+    """Return which conditions were never true, always true, or never known, as sentences.
+
+    Parameters
+    ----------
+    looks : mapping of Condition to collections.Counter
+        How often each was true, false and unknown (None).
+
+    """
+    problems = []
+    for condition, counts in looks.items():
+        what = 'message' if condition.is_of_messages else 'step'
+        known = counts[True] + counts[False]
+        if not known and condition.is_of_messages:
+            problem = 'never true, because no message came'
+        elif not known and counts[None]:
+            problem = 'never known, because a value that it uses was missing'
+        elif known and not counts[True]:
+            problem = f'true in none of {counted(known, what)}'
+        elif known and not counts[False] and not condition.is_of_messages:
+            problem = f'true in all {counted(known, what)}, so no episode begins'
+        else:
+            continue
+        problems.append(f'`{condition.text}` was {problem}')
+    return problems
 
 
 def problems_of_episodes(lengths: Sequence[int], num_cut: int, num_open_steps: int) -> list[str]:

@@ -93,6 +93,10 @@ class Expression:
         self.numbers = frozenset(numbers)
         self._tree = tree
 
+    def __str__(self) -> str:
+        """Return the text."""
+        return self.text
+
     @property
     def names(self) -> frozenset[str]:
         """All that it needs, numbers and texts."""

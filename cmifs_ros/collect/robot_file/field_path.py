@@ -15,7 +15,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from cmifs_ros.core.channel_names import MAX_CHANNELS, MAX_NAME_LENGTH
-from cmifs_ros.core.words import counted, listed
+from cmifs_ros.core.words import counted, did_you_mean, listed
 
 MAX_PARTS = 16
 _MAX_INDEX = 10**7
@@ -127,7 +127,8 @@ class FieldPath:
                     return []
                 own = _fields(above[-1])
                 expected = f'; expected one of {own}' if own else ''
-                raise MissingFieldError(f'{self.topic} has no field {field!r}{expected}')
+                meant = did_you_mean(field, _field_names(above[-1]))
+                raise MissingFieldError(f'{self.topic} has no field {field!r}{meant}{expected}')
         if self.names:
             self._expect_array(value, f'{{{",".join(self.names)}}}')
             order = names_beside(value, above)
@@ -138,7 +139,10 @@ class FieldPath:
                 )
             missing = [name for name in self.names if name not in order]
             if missing:
-                raise MissingFieldError(f'{self.topic} has no {missing[0]!r} in its names')
+                raise MissingFieldError(
+                    f'{self.topic} has no {missing[0]!r} in its names'
+                    f'{did_you_mean(missing[0], order)}'
+                )
             return [value[order.index(name)] for name in self.names]
         if self.indices:
             self._expect_array(value, f'[{self.indices[0]}]')

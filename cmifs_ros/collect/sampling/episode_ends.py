@@ -5,8 +5,10 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterable, Mapping
 
+from cmifs_ros.collect.episodes.episode_check import Condition
 from cmifs_ros.collect.robot_file.expression import Expression
 from cmifs_ros.collect.robot_file.field_path import FieldPath
 from cmifs_ros.collect.robot_file.model import RobotFile
@@ -23,12 +25,22 @@ class EpisodeEnds:
     ----------
     terminated, truncated : bool
         The result of `look`.
+    looks : dict of Condition to collections.Counter
+        How often each condition was true, false and unknown (None).
 
     """
 
     def __init__(self, robot: RobotFile):
         self._robot = robot
         self.terminated = self.truncated = False
+        self._conditions = {
+            end: Condition(f'{end}: {rule}', isinstance(rule, FieldPath))
+            for end in ENDS
+            if (rule := getattr(robot, end)) is not None
+        }
+        self.looks: dict[Condition, Counter[bool | None]] = {
+            condition: Counter() for condition in self._conditions.values()
+        }
         self._kind = ''
         self.begin_anew()
 
@@ -69,6 +81,7 @@ class EpisodeEnds:
     def follow(self, end: str, is_so: bool) -> None:
         """Note the value of an end's field; a field that is never 0 announces moments."""
         self._events[end] |= is_so
+        self.looks[self._conditions[end]][is_so] += 1
         if not is_so:
             self._has_been_zero.add(end)
         self._holds[end] = is_so and end in self._has_been_zero
@@ -106,7 +119,9 @@ class EpisodeEnds:
         rule = getattr(self._robot, end)
         if isinstance(rule, Expression):
             value = rule(values, before)
-            if not math.isnan(value):
+            is_known = not math.isnan(value)
+            self.looks[self._conditions[end]][bool(value) if is_known else None] += 1
+            if is_known:
                 self._holds[end] = bool(value)
         # Between episodes, momentary events are over: a message of a topic, the end of a goal.
         may_hold = is_open or (isinstance(rule, FieldPath) and bool(rule.fields))

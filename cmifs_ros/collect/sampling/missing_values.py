@@ -14,7 +14,7 @@ from cmifs_ros.core.words import counted, listed
 from .event_order import SECOND
 
 #: Why a step lacks a value.
-NEVER, SILENT = 'no message', 'silent'
+NEVER, NOT_YET, SILENT = 'no message', 'no message yet', 'silent'
 _NAN, _INFINITE, NO_VALUE = 'it is NaN', 'it is infinite', 'it has no value'
 _UNLISTED = 'its category is not listed in one_hot'
 
@@ -109,6 +109,19 @@ class MissingValues:
             words[f'{what}: {why}'] = count
         return words
 
+    def before_first(self) -> tuple[int, str]:
+        """Return how many steps came before the first message of some source, and of which last.
+
+        Such steps are at the beginning, so the count of the last source is that of all.
+        """
+        counts = {
+            name: count
+            for (name, why), count in self.counts.items()
+            if why == NEVER and name in self._useful
+        }
+        last = max(counts, key=counts.__getitem__, default='')
+        return counts.get(last, 0), self._sources[last].path.topic if last else ''
+
     def _explained(self, name: str, why: str) -> str:
         """Return why a step lacked something, from what is known of the topic by now."""
         if why not in (NEVER, SILENT):
@@ -116,8 +129,9 @@ class MissingValues:
         source = self._sources[name]
         if why == NEVER:
             if name in self._useful:
-                return 'no message yet'
-            return 'no usable message' if self._received[source.path.topic] else why
+                return NOT_YET
+            topic = source.path.topic
+            return f'no usable message on {topic}' if self._received[topic] else why
         count, first, newest = self._spoken.get(source.path.topic, (0, 0, 0))
         period = (newest - first) / SECOND / (count - 1) if count > 1 else 0.0
         if period > source.max_age:

@@ -17,7 +17,7 @@ from cmifs_ros.collect.robot_file.model import CHANNEL, RobotFile, Source, Unlis
 from .event_order import SECOND
 from .held_values import HeldValues
 from .message_reader import UNREADABLE
-from .missing_values import NEVER, SILENT, silent_for
+from .missing_values import NEVER, NOT_YET, SILENT, silent_for
 
 #: Seconds in which the first message of a channel is waited for, whatever its `max_age`.
 _FIRST = 1.0
@@ -108,7 +108,7 @@ class NewestValues:
             values, cause = self._held.of(source, time)
             if cause == NEVER:
                 if time - self._begun > min(source.max_age, _FIRST) * SECOND:
-                    self.missing[source.name] = 'no message yet'
+                    self.missing[source.name] = NOT_YET
             elif cause == SILENT:
                 self.missing[source.name] = silent_for(source)
             elif cause is not None and source.over:

@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 from cmifs_ros.collect.episodes.builder import RewardSample
 from cmifs_ros.collect.episodes.end_counts import EndCounts
+from cmifs_ros.collect.episodes.episode_check import Condition
 from cmifs_ros.collect.robot_file.expression import Expression
 from cmifs_ros.collect.robot_file.model import ACTION, CHANNEL, OWN_VALUES, RobotFile, Source
 from cmifs_ros.core.words import listed
@@ -125,6 +126,11 @@ class Sampler:
     def _begin_step(self) -> None:
         self._sum = 0.0
         self._has_reward = False
+
+    @property
+    def end_looks(self) -> dict[Condition, Counter[bool | None]]:
+        """How often the conditions that end episodes were true, false and unknown (None)."""
+        return self._end.looks
 
     def add(self, topic: str, message, received: int) -> list[Step]:
         """Add a message; return the steps that are complete now.
