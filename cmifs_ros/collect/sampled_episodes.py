@@ -203,8 +203,8 @@ class SampledEpisodes(Collector):
         self._collect(sampler.flush())
         dropped = {f'late messages of {t}': n for t, n in sampler.late.items() if n}
         dropped |= {
-            f'{"all" if n == sampler.received[t] else "wrong"} messages of {t}, such as: '
-            f'{sampler.last_wrong[t]}': n
+            f'wrong messages of {t}, such as: {sampler.last_wrong[t]}'
+            + (' (all are wrong)' if n == sampler.received[t] else ''): n
             for t, n in sampler.wrong.items()
             if n
         }
