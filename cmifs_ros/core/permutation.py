@@ -5,15 +5,21 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from .episode import Episode, as_episodes
 from .shadows import exchange
 
-if TYPE_CHECKING:
-    from .conditional_mi_selector import ConditionalMISelector
+
+class Scorer(Protocol):
+    """What the test needs of a selector, such as `ConditionalMISelector`."""
+
+    random_state: int
+
+    def single_scores(self, episodes, names: Sequence[str] | None = None) -> np.ndarray:
+        """Return the score of each sensor alone: shape (S,)."""
 
 
 class PermutationTest(NamedTuple):
@@ -36,7 +42,7 @@ class PermutationTest(NamedTuple):
 
 
 def permutation_test(
-    selector: ConditionalMISelector,
+    selector: Scorer,
     episodes,
     names: Sequence[str] | None = None,
     *,
