@@ -24,7 +24,7 @@ from .traffic import Traffic
 #: Like the selector's parameter max_episode_steps.
 MAX_EPISODE_STEPS = 1000
 
-#: What happens to an episode of which the sampler lacks a step.
+#: Causes by which the builder drops an episode because the sampler lacks a step.
 _LACKING = {'step_gap', 'joined_midway', 'lost_end'}
 
 
@@ -150,7 +150,7 @@ class SampledEpisodes(Collector):
 
     @property
     def broken(self) -> Mapping[str, int]:
-        """Number of dropped episodes by cause, without those that lack what the sampler names."""
+        """Number of dropped episodes by cause, without those that the sampler explains."""
         left = self._sampler.ends.total_lost
         broken = dict(self.builder.dropped)
         for cause in _LACKING & broken.keys():

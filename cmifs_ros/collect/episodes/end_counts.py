@@ -52,7 +52,7 @@ class EndCounts:
 
     @property
     def total_lost(self) -> int:
-        """The number of episodes that are lost, however they ended."""
+        """Number of lost episodes with any kind of end."""
         return sum(map(self.num_lost, self.lost))
 
     def dropped_in_words(self) -> dict[str, int]:

@@ -18,9 +18,9 @@ _SAY_ENDS = (
 
 
 class Condition(NamedTuple):
-    """A condition that ends episodes, as the robot file says it.
+    """A condition of the robot file that ends episodes.
 
-    `is_of_messages`: messages tell whether it is true, else the values at each step.
+    `is_of_messages`: it is evaluated for messages; otherwise for the values at each step.
     """
 
     text: str
@@ -28,7 +28,7 @@ class Condition(NamedTuple):
 
 
 def problems_of_ends(looks: Mapping[Condition, Counter[bool | None]]) -> list[str]:
-    """Return which conditions were never true, always true, or never known, as sentences.
+    """Return sentences about conditions that were never true, always true, or never known.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""Whether the types of a robot's topics have the fields that a robot file names."""
+"""Check the paths of a robot file against the message types of its topics."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ FieldsOf = Callable[[str], Sequence[TypeField]]
 
 
 class _WrongPathError(Exception):
-    """A type does not have what a path names; the message says so."""
+    """A message type lacks what a path names; the message says what."""
 
 
 def problems_of_paths(robot: RobotFile, types: Mapping[str, str], fields_of: FieldsOf) -> list[str]:
-    """Return what is wrong with the paths of a robot file, each as a sentence with a remedy.
+    """Return problems of the paths in a robot file, each as a sentence with a remedy.
 
     Names in arrays, such as joints, and the lengths of arrays are not part of a type.
 
@@ -29,7 +29,7 @@ def problems_of_paths(robot: RobotFile, types: Mapping[str, str], fields_of: Fie
     ----------
     robot : RobotFile
     types : mapping of str to str
-        The message types of its topics, where they are known.
+        The known message types of its topics.
     fields_of : callable
         Returns the fields of a message type as `TypeField`s.
 
@@ -84,7 +84,7 @@ def _check_source(source: Source, kind: str, fields_of: FieldsOf) -> None:
 
 
 def _check_number(path: FieldPath, what: str, fields_of: FieldsOf) -> None:
-    """Refuse what is neither a number, a text nor, with an index or a name, an array of them."""
+    """Raise unless a field is a number, a text or, with an index or name, an array of these."""
     is_array = what == 'numbers' or what.endswith('[]') or not what
     if (path.indices or path.names) and not is_array:
         end = f'{{{",".join(path.names)}}}' if path.names else f'[{path.indices[0]}]'
@@ -99,7 +99,7 @@ def _check_number(path: FieldPath, what: str, fields_of: FieldsOf) -> None:
 
 
 def _what(path: FieldPath, kind: str, fields_of: FieldsOf) -> str:
-    """Return what a type has at the end of a path, as a `TypeField` says it."""
+    """Return the `kind` (see `TypeField`) of the field at the end of a path."""
     what, above = kind, FieldPath(path.topic)
     for depth, field in enumerate(path.fields):
         here = FieldPath(path.topic, path.fields[:depth])
