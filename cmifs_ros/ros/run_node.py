@@ -29,13 +29,13 @@ def simulator_node() -> int:
     return run_node('simulator_node', 'SimulatorNode')
 
 
-def run_node(module: str, name: str) -> int:
+def run_node(program: str, name: str) -> int:
     """Run a node of this package until SIGINT, SIGTERM or shutdown; return the exit code.
 
-    It is 0, or 2 if the parameters are invalid; a node that cannot continue raises SystemExit with
-    a message. A signal ends the loop between two callbacks: rclpy's own handlers would shut the
-    context down during a callback, whose next publish would raise. While the node is being
-    loaded, a signal ends the process at once.
+    It is 0, or 2 if the arguments or parameters are invalid; a node that cannot continue raises
+    SystemExit with a message. A signal ends the loop between two callbacks: rclpy's own handlers
+    would shut the context down during a callback, whose next publish would raise. While the node
+    is being loaded, a signal ends the process at once.
     """
     _on_signals(lambda *_: os._exit(0))
     import rclpy
@@ -49,9 +49,13 @@ def run_node(module: str, name: str) -> int:
         nonlocal stopping
         stopping = True
 
-    make_node = getattr(importlib.import_module(f'.{module}', __package__), name)
+    from .node_arguments import check_arguments
+
+    module = importlib.import_module(f'.{program}', __package__)
+    make_node = getattr(module, name)
     _on_signals(stop)
     try:
+        check_arguments(program, module.__doc__ or '', module.PARAMETERS)
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     except RuntimeError as error:  # A ROS argument or a parameter file is invalid.
         print(error, file=sys.stderr)

@@ -60,7 +60,10 @@ class SamplerNode(Node):
         self._selected_state: SelectedState | None = None
         settings = declare(self, PARAMETERS, _check, self._apply_parameters)
         if not settings['robot_file']:
-            raise ValueError('robot_file is empty; expected the path of a robot file')
+            raise ValueError(
+                'robot_file is empty; expected the path of a robot file, as in '
+                '--ros-args -p robot_file:=my_robot.yaml'
+            )
         self._robot = load_robot_file(settings['robot_file'])
         self._names = self._robot.channel_names
         discount = vars(self._robot.discount) if self._robot.discount else {}
