@@ -40,7 +40,7 @@ RATE = 100
 _TASK, _SILENCES, _RESETS, _SILENCE = 240.0, 20.0, 70.0, 2.0
 #: Milliseconds after which a message is of no use to control.
 _OLD = 50
-#: Seconds after a silence in which a channel may still be missing.
+#: Seconds after a silence, or after it is switched on, in which a channel may still be missing.
 _BACK = 0.5
 
 
@@ -71,6 +71,7 @@ class Robot:
         self._relayed = node.create_publisher(JointState, '/relay/state', STREAM_QOS)
         self._levels = dict.fromkeys(TOPICS, 0.0)
         self._silent_until = dict.fromkeys(TOPICS, -math.inf)
+        self._off_until = dict.fromkeys(TOPICS, -math.inf)
         self._paying, self._time = TOPICS[0], 0
         self._sent_at: dict[str, dict[int, float]] = {}
         self.ages: dict[str, dict[int, float]] = {}
@@ -176,7 +177,9 @@ class Robot:
             for name, value in zip(message.name, message.position, strict=True):
                 if math.isnan(value):
                     is_silent = now < self._silent_until[name] + _BACK
-                    self.counts['nan, silent' if is_silent else 'nan, not silent'] += 1
+                    is_off = now < self._off_until[name] + _BACK
+                    cause = 'silent' if is_silent else 'off' if is_off else 'no cause'
+                    self.counts[f'nan, {cause}'] += 1
 
     def _on_selection(self, message: String) -> None:
         found = json.loads(message.data)
@@ -186,7 +189,10 @@ class Robot:
         self._selected = names
 
     def _on_switched_off(self, message: String) -> None:
-        self.counts['times switched off'] += bool(json.loads(message.data))
+        off, now = json.loads(message.data), time.monotonic()
+        self.counts['times switched off'] += bool(off)
+        for name, until in self._off_until.items():
+            self._off_until[name] = math.inf if f'/{name}' in off else min(until, now)
 
 
 class Control(Part):
@@ -228,7 +234,8 @@ def _rows(robot: Robot, sizes: list[tuple[int, int]], minutes: float):
         'topics switched off',
         f'{lost["selected_state"]} lost (bare relay {lost["/relay/selected_state"]}); NaN '
         f'{counts["nan, silent"]} times while the selected topic was silent, '
-        f'{counts["nan, not silent"]} times while it was not',
+        f'{counts["nan, off"]} times when it had been switched off until it was selected, '
+        f'{counts["nan, no cause"]} times else',
     )
     of_sampler, of_relay = robot.ages['selected_state'], robot.ages['/relay/selected_state']
     both = sorted(of_sampler.keys() & of_relay.keys())
