@@ -26,6 +26,8 @@ from .qos import LATCHED_QOS, STREAM_QOS
 
 #: Seconds before the log repeats that an intermittent sensor is missing.
 _REPEATED_AFTER = 10.0
+#: Seconds for which a new selection waits at most for channels of which no message is valid.
+_MAX_DELAY = 1.0
 #: Shared with the selector, which relays states without a sampler.
 SELECTED_STATE_PARAMETERS = (
     Spec('layout', 'selected',
@@ -60,6 +62,7 @@ class SelectedState:
         self._newest = NewestValues(robot)
         self._number: int | None = None  # of the selection in use
         self._selected: set[str] | None = None
+        self._next: tuple[int, set[str], float] | None = None  # And when it is due at the latest.
         self._logged_missing: set[str] = set()  # Sensors last logged as missing.
         self._silent_until: dict[str, float] = {}  # By sensor, when to log again.
         self._num_sent = 0
@@ -135,6 +138,7 @@ class SelectedState:
         self._publish(tick * self._period)
 
     def _publish(self, stamp: int) -> None:
+        self._take_over()
         if self._selected is None and not self._settings['pass_through_until_selected']:
             return
         values = self._newest.state(self._now())
@@ -180,8 +184,18 @@ class SelectedState:
                 f'{unknown[0]!r}; if the file has changed, call ~/clear_episodes of the selector'
             )
         else:
-            is_news = set(names) != self._selected
-            self._number, self._selected = number, set(names)
-            self.apply()
-            if is_news:
-                self._node.get_logger().info(f'selected_state is now {listed(self._newest.names)}')
+            self._next = number, set(names), time.monotonic() + _MAX_DELAY
+            self._take_over()
+
+    def _take_over(self) -> None:
+        """Use the newest selection, once topics that were switched off have spoken again."""
+        if self._next is None:
+            return
+        number, selected, due = self._next
+        if time.monotonic() < due and not self._newest.has(selected, self._now()):
+            return
+        is_news = selected != self._selected
+        self._number, self._selected, self._next = number, selected, None
+        self.apply()
+        if is_news:
+            self._node.get_logger().info(f'selected_state is now {listed(self._newest.names)}')

@@ -78,6 +78,15 @@ class NewestValues:
         for topic, (time, message) in self._received.items():
             self._held.hold(time, dict(self._readings(topic, message)))
 
+    def has(self, channels: Collection[str], time: int) -> bool:
+        """Tell whether these channels, selected or not, have messages that are still valid."""
+        return all(
+            time - self._received.get(source.path.topic, (-math.inf, None))[0]
+            <= source.max_age * SECOND
+            for source in self._robot.sources
+            if source.role == CHANNEL and not set(channels).isdisjoint(source.names)
+        )
+
     def take(self, topic: str, message, time: int) -> None:
         """Take the values of the selected channels from a message."""
         time = self._never_back(time)

@@ -53,6 +53,16 @@ def test_channels_that_are_not_selected_matter_nothing(newest):
     assert newest.missing == {}
 
 
+def test_it_knows_whether_channels_have_messages_that_are_still_valid(newest):
+    newest.select({'a'}, ['a'])
+    take(newest, a=1.0)
+    take(newest, pair=[2.0, 3.0])
+    assert newest.has(['a', 'pair[1]'], 0)
+    assert newest.has(['pair[1]'], 2 * SECOND)
+    assert not newest.has(['a', 'pair[1]'], 2 * SECOND)  # a is older than its max_age of 1 s.
+    assert not newest.has(['mode.0'], 0)
+
+
 def test_a_full_layout_has_nan_for_what_is_not_selected(newest):
     newest.select({'pair[1]'}, NAMES)
     take(newest, a=1.0, pair=[2.0, 3.0])
