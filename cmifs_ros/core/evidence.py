@@ -42,7 +42,7 @@ from .samples import Samples, normal_scores, standardized
 
 #: Gaussians that explain the target by what is given: one for two episodes, within limits. With
 #: more episodes smaller errors of a stiff regression look like dependence.
-_NUM_CENTERS = 50, 200
+_NUM_CENTERS = 50, 100
 #: Gaussians that are functions of the sensor.
 _NUM_FUNCTIONS = 60
 #: Regressors are kept for a second question as long as they have no more rows in all.

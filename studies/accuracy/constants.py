@@ -42,7 +42,7 @@ class Constant(NamedTuple):
 
 
 CONSTANTS = (
-    Constant('evidence', '_NUM_CENTERS', ((25, 25), (100, 200))),
+    Constant('evidence', '_NUM_CENTERS', ((25, 25), (100, 100))),
     Constant('evidence', '_NUM_FUNCTIONS', (30, 120)),
     Constant('evidence', '_LEAST_OWN_SHARE', (1e-5, 1e-2)),
     Constant('episode_rows', '_MAX_ROWS', (2000,)),
