@@ -14,7 +14,7 @@ import math
 #: `make looks`.
 _LOOKS_A_DOUBLING = 1.5
 #: Number of doublings after which a look spends a quarter as much.
-_PACE = 4.0
+_PACE = 2.0
 
 
 def level_of_look(significance: float, num_seen: int, num_first: int, buffer_size: int) -> float:
