@@ -118,6 +118,11 @@ class _StatesAndRewards(Collector):
     def topics_among(self, topics: Mapping[str, Collection[str]], path) -> dict[str, str]:
         spaces = [t.removesuffix('/state') for t in topics if t.endswith('/state')]
         spaces = [space for space in spaces if f'{space}/reward' in topics]
+        if not spaces:
+            raise RecordingError(
+                f'a robot file is missing (--robot FILE): {path} has no topics state and reward; '
+                f'it has {", ".join(sorted(topics))[:1000] or "no topics"}'
+            )
         if len(spaces) != 1:
             raise RecordingError(
                 f'{path} has {len(spaces)} pairs of topics state and reward; expected one, or a '

@@ -118,6 +118,9 @@ def robot_file_of_recording(
         return robot_file_of_bag(path, watch, open_bag)
     if (path / lerobot.INFO).exists():
         raise RecordingError(f'{path} is a data set of LeRobot; it needs no robot file')
+    bags = [one for one in recordings_in(path, None) if _is_bag(one)]
+    if bags:
+        raise RecordingError(f'{path} is a folder of bags; expected one of them, such as {bags[0]}')
     with _tables_in(path) as tables:
         read = {topic: table() for topic, table in tables.items()}
         heard = [observed(topic, table) for topic, table in watch(read.items(), len(read))]

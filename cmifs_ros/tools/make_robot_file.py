@@ -22,11 +22,13 @@ def main(arguments: list[str] | None = None, program: str = 'make_robot_file') -
     """Run the command; return its exit code."""
     parser = argparse.ArgumentParser(program, description=__doc__)
     parser.add_argument(
-        '--bag',
+        'recording',
+        nargs='?',
         type=home_path,
         metavar='BAG',
         help='a bag, or tables of messages (default: listen to the running robot)',
     )
+    parser.add_argument('--bag', type=home_path, metavar='BAG', help='the same')
     parser.add_argument(
         '--seconds', type=number_from(1), default=5, metavar='N',
         help='seconds to listen (default 5)',
@@ -38,6 +40,9 @@ def main(arguments: list[str] | None = None, program: str = 'make_robot_file') -
         help='file to create (default: print to the terminal)',
     )
     options = parser.parse_args(arguments)
+    if options.recording and options.bag:
+        parser.error('BAG is given twice')
+    options.bag = options.bag or options.recording
     return exit_code(program, lambda: _run(options), 'nothing is written')
 
 

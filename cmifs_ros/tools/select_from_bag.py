@@ -29,7 +29,7 @@ from cmifs_ros.collect.traffic import rates_of
 from cmifs_ros.core import ConditionalMISelector
 from cmifs_ros.core.selection import Selection, select
 from cmifs_ros.core.targets import ACTION, RETURN, TARGETS
-from cmifs_ros.core.words import counted, first
+from cmifs_ros.core.words import counted, first, listed
 
 from .arguments import between, file_to_write, folder_to_write, home_path, number_from
 from .bags import bag_opener
@@ -130,12 +130,30 @@ def _run(options: argparse.Namespace) -> None:
         robot = load_robot_file(options.robot) if options.robot else None
         if options.topics and robot is None:
             raise CommandError('--topics needs --robot, which gives the topics of the channels')
+        if robot is not None:
+            _check_sensors(robot, options.num_features)
         paths = [one for path in options.recordings for one in recordings_in(path, robot)]
         with backend(options.scheduler):
             recordings = list(zip(paths, _read(paths, robot, options), strict=True))
             _select(recordings, robot, options)
     except (RecordingError, RobotFileError, OSError) as error:
         raise CommandError(str(error)) from error
+
+
+def _check_sensors(robot: RobotFile, num_features: int | None) -> None:
+    """Refuse more features than there are sensors; tell which channels the reward is made of."""
+    groups = groups_by_name(robot.channel_names)
+    count = len(robot.channel_names) - sum(len(channels) - 1 for channels in groups.values())
+    if num_features is not None and num_features > count:
+        raise CommandError(
+            f'--num-features is {num_features}; expected at most {count}, the number of sensors in '
+            'the robot file'
+        )
+    if robot.reward_channels:
+        print(
+            f'note: the reward is computed from {listed(robot.reward_channels)}, which may be '
+            'selected for that alone; what the robot does not sense belongs under values'
+        )
 
 
 def _read(

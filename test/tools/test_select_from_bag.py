@@ -363,7 +363,7 @@ def test_what_one_topic_lacks_is_told_once_and_causes_come_before_what_follows(t
 def test_without_a_robot_file_a_bag_needs_state_and_reward(tmp_path, capsys):
     write_bag(tmp_path / 'bag', 42)
     assert main([str(tmp_path / 'bag')]) == 1
-    assert '0 pairs of topics state and reward; expected one' in capsys.readouterr().err
+    assert 'a robot file is missing (--robot FILE): ' in capsys.readouterr().err
 
 
 def test_a_bag_of_states_and_rewards_needs_no_robot_file(tmp_path):
@@ -624,3 +624,30 @@ def test_a_bag_of_states_and_rewards_brings_the_actions_beside_them(tmp_path):
         np.testing.assert_array_equal(episode.actions, expected)
     assert bag.episodes[3].actions.shape == (12, 0)
     assert not bag.dropped
+
+
+def test_more_features_than_sensors_are_refused_before_reading(tmp_path, capsys):
+    file = tmp_path / 'robot.yaml'
+    file.write_text(ROBOT)
+    write_bag(tmp_path / 'bag', 12)
+    assert main([str(tmp_path / 'bag'), '--robot', str(file), '--num-features', '40']) == 1
+    shown = capsys.readouterr()
+    assert re.search(r'--num-features is 40; expected at most \d+, the number of', shown.err)
+    assert 'messages' not in shown.out
+
+
+def test_a_bag_without_messages_gives_no_robot_file(tmp_path, capsys):
+    with Writer(tmp_path / 'empty', version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        writer.add_connection('/a', 'std_msgs/msg/Float64', typestore=STORE)
+    out = tmp_path / 'robot.yaml'
+    assert make_robot_file([str(tmp_path / 'empty'), '--out', str(out)]) == 1
+    assert 'empty has no message with a number, so there is no channel' in capsys.readouterr().err
+    assert not out.exists()
+
+
+def test_a_folder_of_bags_gives_the_name_of_one(tmp_path, capsys):
+    write_bag(tmp_path / 'day' / 'bag', 12)
+    assert make_robot_file([str(tmp_path / 'day')]) == 1
+    assert f'expected one of them, such as {tmp_path / "day" / "bag"}' in capsys.readouterr().err
+    assert make_robot_file([str(tmp_path / 'day' / 'bag')]) == 0
+    assert 'channels:' in capsys.readouterr().out

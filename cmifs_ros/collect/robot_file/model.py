@@ -211,6 +211,16 @@ class RobotFile:
         return {name: s.path.topic for s in self.sources if s.role == CHANNEL for name in s.names}
 
     @property
+    def reward_channels(self) -> tuple[str, ...]:
+        """The channels that the reward is computed from."""
+        used = self.reward.names if isinstance(self.reward, Expression) else ()
+        return tuple(
+            source.name
+            for source in self.sources
+            if source.role == CHANNEL and (source.name in used or source.path == self.reward)
+        )
+
+    @property
     def groups(self) -> dict[str, tuple[str, ...]]:
         """Sensors of several channels, grouped by the same rule as in the selector."""
         return groups_by_name(self.channel_names)

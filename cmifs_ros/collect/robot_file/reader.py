@@ -88,7 +88,7 @@ def parse_robot_file(text: str) -> RobotFile:
     try:
         root = yaml.compose(text, Loader=yaml.SafeLoader)
     except (yaml.YAMLError, RecursionError) as error:
-        raise RobotFileError(f'not YAML: {" ".join(str(error).split())[:300]}') from None
+        raise RobotFileError(_not_yaml(text, error)) from None
     reader = _FileReader()
     robot = reader.robot(root)
     if robot is None or reader.mistakes:
@@ -96,6 +96,18 @@ def parse_robot_file(text: str) -> RobotFile:
             '\n'.join(f'line {line}: {what}' for line, what in sorted(reader.mistakes))
         )
     return robot
+
+
+def _not_yaml(text: str, error: Exception) -> str:
+    mark = getattr(error, 'problem_mark', None)
+    if mark is None:
+        return f'not valid YAML: {" ".join(str(error).split())[:300]}'
+    # What the parser stumbles over may be in the line after the mistake.
+    lines = [f'{line} ' for line in text.splitlines()[max(mark.line - 1, 0) : mark.line + 1]]
+    hint = ''
+    if any(bracket in line for line in lines for bracket in '[{'):
+        hint = '; put quotes around a path with [ ] or { }'
+    return f'line {mark.line + 1}: not valid YAML ({getattr(error, "problem", "")}){hint}'
 
 
 class _FileReader(SourceReader):

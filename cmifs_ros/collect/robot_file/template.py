@@ -17,6 +17,7 @@ from collections.abc import Callable, Iterable
 from itertools import groupby
 from pathlib import Path
 
+from cmifs_ros.collect.recorded_episodes import RecordingError
 from cmifs_ros.collect.sampling.bag_reader import (
     OpenBag,
     Undecoded,
@@ -120,6 +121,11 @@ def robot_file_of_topics(
     seconds : float
         Duration.
 
+    Raises
+    ------
+    RecordingError
+        If no topic has a number.
+
     """
     heard = sorted((one for one in heard), key=lambda one: one.topic)
     own = own_topics(one.trace for one in heard)
@@ -148,6 +154,11 @@ def robot_file_of_topics(
     for name, (one, field) in zip(names, found, strict=True):
         line = _channel(name, field, one, _max_age(one.period(field, seconds)))
         (commands if _COMMAND.fullmatch(one.topic.rpartition('/')[2]) else lines).append(line)
+    if not lines and not commands:
+        raise RecordingError(
+            f'{title} has no message with a number, so there is no channel'
+            + ''.join(f'; {what}' for what in without[:8])
+        )
     ros_actions = [one.topic.removesuffix(STATUS) for one in heard if one.topic.endswith(STATUS)]
     return _text(title, lines + [f'# {what}' for what in without], commands, ros_actions)
 

@@ -53,7 +53,7 @@ def test_all_mistakes_are_told_with_their_lines():
              'step: {rate: 0}\nchannels: {}\nreward: 9**9**9\n', '{[a]: 1}', '[' * 2000]
 )  # fmt: skip
 def test_what_is_no_robot_file_is_refused_in_words(text):
-    with pytest.raises(RobotFileError, match=r'line|not YAML'):
+    with pytest.raises(RobotFileError, match=r'line|not valid YAML'):
         parse_robot_file(text)
 
 
@@ -275,3 +275,27 @@ def test_a_file_needs_no_reward_where_the_action_is_the_target():
 def test_mistakes_in_actions_and_target_are_told(more, message):
     with pytest.raises(RobotFileError, match=re.escape(message)):
         parse_robot_file(f'{WHOLE}{more}\n')
+
+
+@pytest.mark.parametrize(
+    ('old', 'new', 'said'),
+    [
+        (
+            '"/scan.ranges[0:90:30]"',
+            '/scan.ranges[0:90:30]',
+            'line 7: not valid YAML (.*); put quo',
+        ),
+        ('"/joint_states.position{shoulder,elbow}"', '/j.position{a: 3}', 'line 8: .*; put quotes'),
+    ],
+)
+def test_a_path_that_lacks_its_quotes_is_named(old, new, said):
+    with pytest.raises(RobotFileError, match=said):
+        parse_robot_file(WHOLE.replace(old, new))
+
+
+def test_the_channels_that_the_reward_is_made_of_are_known():
+    text = WHOLE.replace('reward: "', 'reward: "x + before(battery) + ')
+    assert parse_robot_file(text).reward_channels == ('x', 'battery')
+    assert parse_robot_file(WHOLE).reward_channels == ()
+    path = re.sub('reward: .*', 'reward: /battery_state.percentage', WHOLE)
+    assert parse_robot_file(path).reward_channels == ('battery',)
