@@ -46,6 +46,8 @@ class EpisodeRows:
         Cross-validation folds of whole episodes.
     shuffled : numpy.ndarray of int, shape (N,)
         All rows in random order, to draw centres from.
+    step_cosines : numpy.ndarray, shape (N, k)
+        Slow cosines of the step.
     fixed : numpy.ndarray, shape (N, p)
         Orthonormal columns of fixed effects: a mean for each source, and slow cosines of the step.
     shifts : numpy.ndarray of int, shape (S, N)
@@ -70,7 +72,8 @@ class EpisodeRows:
         sources = _pooled(samples.sources[present])[self.owner]
         columns = (sources[:, None] == np.unique(sources)).astype(float)
         means = columns / np.sqrt(columns.sum(axis=0))
-        self.fixed = extended(means, _step_cosines(samples.step[self.index]))
+        self.step_cosines = _step_cosines(samples.step[self.index])
+        self.fixed = extended(means, self.step_cosines)
         self.is_ordered = ordered
         order = np.arange(num_episodes) if ordered else rng.permutation(num_episodes)
         self.shifts = self._cyclic_shifts(sources, order, rng)

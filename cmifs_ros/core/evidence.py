@@ -33,7 +33,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
-from .drift import episode_cosines, num_cosines
+from .drift import num_trends, trends
 from .effect import Effect, EffectEstimator
 from .episode_rows import EpisodeRows
 from .kernel_regression import KernelRegression, extended, residual, squared_distances
@@ -43,6 +43,9 @@ from .samples import Samples, normal_scores, standardized
 #: Gaussians that explain the target by what is given: one for two episodes, within limits. With
 #: more episodes smaller errors of a stiff regression look like dependence.
 _NUM_CENTERS = 50, 100
+#: Cosines of the step by which the drift over the episodes may differ: of a return, which has fewer
+#: rewards to come at late steps.
+_BY_STEP = 3
 #: Gaussians that are functions of the sensor.
 _NUM_FUNCTIONS = 60
 #: Regressors are kept for a second question as long as they have no more rows in all.
@@ -214,12 +217,13 @@ class ConditionalTest:
         return np.hstack(left)
 
     def _with_drift(self, basis: np.ndarray, left: np.ndarray) -> np.ndarray:
-        """Return the basis with slow cosines of level and slope, where the residuals drift."""
+        """Return the basis with trends over the episodes, by step, if the residuals drift."""
         rows = self._rows
         means = rows.means(residual(left, basis))
-        count = num_cosines(means, rows.lengths / rows.lengths.mean()) if rows.is_ordered else 0
-        slow = episode_cosines(len(means), count)[rows.owner]
-        return extended(basis, np.hstack([slow, slow * rows.step[:, None]]))
+        count = num_trends(means, rows.lengths / rows.lengths.mean()) if rows.is_ordered else 0
+        slow = trends(len(means), count)[rows.owner]
+        by_step = [slow * of_step[:, None] for of_step in rows.step_cosines[:, :_BY_STEP].T]
+        return extended(basis, np.hstack([slow, *by_step]))
 
 
 class _Given:

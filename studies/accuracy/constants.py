@@ -54,6 +54,7 @@ CONSTANTS = (
     Constant('kernel_regression', '_RANKS', (np.array([0, 4, 16, 64]), np.arange(12))),
     Constant('kernel_regression', '_LEAST_VARIANCE', (1e-4, 1e-9)),
     Constant('drift', '_PRICE', (2.0, 1e9)),
+    Constant('evidence', '_BY_STEP', (0, 6)),
     Constant('chance', '_GREATEST', (0.99,)),
 )
 
