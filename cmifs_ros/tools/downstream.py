@@ -6,8 +6,6 @@ import rclpy
 from rclpy.executors import ExternalShutdownException
 from sensor_msgs.msg import JointState
 
-from cmifs_ros.ros.node_arguments import check_arguments
-
 
 def on_selected_state(msg: JointState) -> None:
     state = dict(zip(msg.name, msg.position, strict=True))
@@ -15,7 +13,6 @@ def on_selected_state(msg: JointState) -> None:
 
 
 def main() -> None:
-    check_arguments('downstream', __doc__)
     try:
         rclpy.init()
         node = rclpy.create_node('downstream')

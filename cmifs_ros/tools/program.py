@@ -38,6 +38,10 @@ def demo() -> int:
 
 def downstream() -> int:
     """Run the downstream node."""
+    end_at_signals()
+    from cmifs_ros.ros.node_arguments import check_arguments
+
+    check_arguments('downstream', 'Print the selected state; an example of a node that uses it.')
     return start('cmifs_ros.tools.downstream')
 
 
