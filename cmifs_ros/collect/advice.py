@@ -163,6 +163,8 @@ def _at_most(effect: Effect) -> str:
 
 
 def _range(effect: Effect) -> str:
+    if effect.low <= 0:
+        return f'may add up to {share(max(effect.high, 0.0))}'
     return f'adds {interval(effect)}'
 
 

@@ -135,6 +135,14 @@ def test_from_few_episodes_nothing_can_go_and_it_is_said_what_is_missing(episode
     assert 'at least 20' not in ' '.join(enough)
 
 
+def test_what_is_undecided_is_said_by_its_interval():
+    lines = advice_lines(
+        advice_of(selection(BATTERY, replace(SCAN, status='undecided', is_selected=False)))
+    )
+    assert any(line.startswith('  battery: may add up to 3.2%; about') for line in lines)
+    assert any(line.startswith('  scan: adds 4.1% to 15.9%') for line in lines)
+
+
 def test_where_much_is_undecided_another_target_is_named():
     batteries = [replace(BATTERY, name=f'b{i}', channels=(f'b{i}',)) for i in range(3)]
     assert '--target decision' in ' '.join(advice_lines(advice_of(selection(X, *batteries))))
