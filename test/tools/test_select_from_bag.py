@@ -641,7 +641,7 @@ def test_a_bag_without_messages_gives_no_robot_file(tmp_path, capsys):
         writer.add_connection('/a', 'std_msgs/msg/Float64', typestore=STORE)
     out = tmp_path / 'robot.yaml'
     assert make_robot_file([str(tmp_path / 'empty'), '--out', str(out)]) == 1
-    assert 'empty has no message with a number, so there is no channel' in capsys.readouterr().err
+    assert 'empty has no readable message, so there is no channel' in capsys.readouterr().err
     assert not out.exists()
 
 

@@ -124,7 +124,7 @@ def robot_file_of_topics(
     Raises
     ------
     RecordingError
-        If no topic has a number.
+        If no topic has a readable message.
 
     """
     heard = sorted((one for one in heard), key=lambda one: one.topic)
@@ -154,9 +154,9 @@ def robot_file_of_topics(
     for name, (one, field) in zip(names, found, strict=True):
         line = _channel(name, field, one, _max_age(one.period(field, seconds)))
         (commands if _COMMAND.fullmatch(one.topic.rpartition('/')[2]) else lines).append(line)
-    if not lines and not commands:
+    if all(one.fields is None for one in heard):
         raise RecordingError(
-            f'{title} has no message with a number, so there is no channel'
+            f'{title} has no readable message, so there is no channel'
             + ''.join(f'; {what}' for what in without[:8])
         )
     ros_actions = [one.topic.removesuffix(STATUS) for one in heard if one.topic.endswith(STATUS)]
