@@ -13,6 +13,7 @@ TARGETS ?=
 ORACLE ?=
 CHANGE ?=
 LOOKS ?=
+CAMERA ?=
 CONSTANTS ?=
 LEARNING ?=
 ABLATION ?=
@@ -47,7 +48,7 @@ ENTER := . $(VENV)/bin/activate && { [ ! -f install/setup.bash ] || . install/se
 # Run colcon with the environment's own Python: another colcon would build for another Python.
 COLCON := python -c 'import sys; from colcon_core.command import main; sys.exit(main())'
 
-.PHONY: help demo test test-installed test-oldest soak robot sorting load saving paper benchmark growth accuracy evidence level targets looks constants change oracle learning ablation loop lint \
+.PHONY: help demo test test-installed test-oldest soak robot sorting load saving paper benchmark growth accuracy evidence level targets looks camera constants change oracle learning ablation loop lint \
 	build docs clean
 
 help:
@@ -65,6 +66,7 @@ help:
 	@echo "make accuracy [ACCURACY='--trials 6']  rank sums on many tasks with few episodes"
 	@echo "make evidence [EVIDENCE='--trials 6']  how often exactly the right sensors are confirmed"
 	@echo "make looks [LOOKS='--trials 20']  how often anything irrelevant is ever confirmed over many looks"
+	@echo "make camera [CAMERA='--trials 6']  how often a camera is confirmed beside joint states"
 	@echo "make constants [CONSTANTS='--trials 6']  what each constant of the test is worth"
 	@echo "make level [LEVEL='--trials 20']    how often each part of the test errs, in hard worlds"
 	@echo "make targets [TARGETS='--trials 6']  how often each target is given exactly what it needs"
@@ -123,6 +125,9 @@ evidence: build
 
 looks: build
 	@$(ENTER) && exec python -m studies.accuracy.looks $(LOOKS)
+
+camera: build
+	@$(ENTER) && exec python -m studies.accuracy.camera $(CAMERA)
 
 constants: build
 	@$(ENTER) && exec python -m studies.accuracy.constants $(CONSTANTS)

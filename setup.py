@@ -47,6 +47,7 @@ setup(
     extras_require={
         'bags': ['rosbags>=0.11,<0.12', 'mcap', 'zstandard'],
         'cluster': ['distributed', 'joblib>=1.4'],
+        'images': ['pillow'],
         'peers': ['ennemi', 'scikit-learn', 'boruta', 'hidimstat'],
         'tables': ['pyarrow>=14', 'h5py', 'pyulog'],
         'tasks': ['gymnasium[mujoco]>=1.0', 'ir-sim'],

@@ -30,6 +30,7 @@ KEYS = {
 #: Imports that the package does without until they are asked for: the extra that brings each, and
 #: what pip calls it.
 OPTIONAL = {
+    'PIL': ('images', 'pillow'),
     'distributed': ('cluster', 'distributed'),
     'ennemi': ('peers', 'ennemi'),
     'gymnasium': ('tasks', 'gymnasium'),
@@ -72,7 +73,17 @@ def test_core_sim_and_collect_know_no_ros():
     allowed = {
         'core': {'numpy', 'scipy', 'numba', 'threadpoolctl'},
         'sim': {'numpy', 'gymnasium'},
-        'collect': {'numpy', 'yaml', 'rosbags', 'mcap', 'zstandard', 'pyarrow', 'h5py', 'pyulog'},
+        'collect': {
+            'numpy',
+            'yaml',
+            'rosbags',
+            'mcap',
+            'zstandard',
+            'pyarrow',
+            'h5py',
+            'pyulog',
+            'PIL',
+        },
     }
     for folder, packages in allowed.items():
         for path in (ROOT / 'cmifs_ros' / folder).rglob('*.py'):

@@ -7,11 +7,11 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 
-_MEMBER = re.compile(r'(?s)(.+)(?:\[\d+\]|\.[^.\[\]]+)')
+_MEMBER = re.compile(r'(?s)(.+)(?:\[\d+(?:,\d+)*\]|\.[^.\[\]]+)')
 
 
 def groups_by_name(channel_names: Sequence[str]) -> dict[str, tuple[str, ...]]:
-    """Return the sensors of several channels: `stem[0]`, `stem[1]` or `stem.a`, `stem.b`.
+    """Return the sensors of several channels: `stem[0]`, `stem[0,1]`, or `stem.a`, `stem.b`.
 
     The stem is the name without its last index or part. A stem of a single channel makes no group,
     and neither does one that is itself the name of a channel.

@@ -43,6 +43,8 @@ PARAMETERS = (
     ),
     *selected_state.PARAMETERS,
 )
+#: Messages of a topic that may wait for the node, and of one of images or clouds.
+_DEPTH, _LARGE_DEPTH = 1000, 10
 #: Seconds without any message after which waiting steps are made.
 _QUIET = 2.0
 
@@ -148,8 +150,9 @@ class SamplerNode(Node):
             return
         try:
             self._subscriptions_by_topic[topic] = FollowingSubscription(
-                self, message_type, topic, partial(self._take, topic)
-            )
+                self, message_type, topic, partial(self._take, topic),
+                depth=_LARGE_DEPTH if topic in self._robot.large_topics else _DEPTH,
+            )  # fmt: skip
         except RuntimeError as error:  # From the middleware, which may still hold another type.
             self._problems[topic] = f'no subscription to {name}: {error}'
             return

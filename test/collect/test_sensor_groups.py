@@ -15,6 +15,7 @@ from cmifs_ros.collect.sensor_groups import groups_by_name
     [
         (['x', 'y', 's1'], {}),
         (['scan[0]', 'x', 'scan[30]'], {'scan': ('scan[0]', 'scan[30]')}),
+        (['eye[0,0]', 'eye[0,1]', 'eye[,]'], {'eye': ('eye[0,0]', 'eye[0,1]')}),
         (['yaw.cos', 'yaw.sin'], {'yaw': ('yaw.cos', 'yaw.sin')}),
         (['arm.left[0]', 'arm.left[1]', 'arm.x'], {'arm.left': ('arm.left[0]', 'arm.left[1]')}),
         (['imu.z', 'scan[0]'], {}),
@@ -26,7 +27,7 @@ def test_what_the_names_tell(names, expected):
     assert groups_by_name(names) == expected
 
 
-@given(st.lists(st.text('ab.[]01\n', min_size=1, max_size=6), unique=True))
+@given(st.lists(st.text('ab.[],01\n', min_size=1, max_size=6), unique=True))
 def test_groups_are_disjoint_and_of_several_channels_that_begin_with_their_stem(names):
     groups = groups_by_name(names)
     members = [name for group in groups.values() for name in group]

@@ -17,6 +17,7 @@ from bags import ROBOT, STORE, episodes_of, write_bag, write_states_and_rewards
 from rosbags.rosbag2 import StoragePlugin, Writer
 
 from cmifs_ros.collect.bag import BagError, episodes_of_bag, open_bag
+from cmifs_ros.collect.encoders import Yaw
 from cmifs_ros.collect.episodes.file_reader import read_episodes
 from cmifs_ros.collect.robot_file.reader import parse_robot_file
 from cmifs_ros.core import ConditionalMISelector
@@ -459,7 +460,7 @@ def test_a_robot_file_is_made_that_lacks_only_the_reward(tmp_path, capsys):
     assert scan.inf == 'range_max'
     (arm,) = (s for s in robot.sources if s.path.topic == '/arm' and 'position' in s.path.fields)
     assert arm.path.names == ('hip', 'knee')
-    (turn,) = (s for s in robot.sources if s.is_yaw)
+    (turn,) = (s for s in robot.sources if s.encoder == Yaw())
     assert turn.path.fields == ('pose', 'orientation')
     assert len(paths) == len(robot.sources)
     assert "# /said is text: 'hello'\n" in text

@@ -9,6 +9,7 @@ from collections.abc import Collection
 from dataclasses import dataclass
 
 from cmifs_ros.collect.discount import Discount
+from cmifs_ros.collect.encoders import Cloud, Encoder, Image
 from cmifs_ros.collect.sensor_groups import groups_by_name
 from cmifs_ros.core.words import first
 
@@ -40,8 +41,8 @@ class Source:
     ----------
     name : str
     path : FieldPath
-    is_yaw : bool
-        The path is a quaternion; its values are the sine and the cosine of its yaw.
+    encoder : Encoder or None
+        What turns the message at the path into numbers: a quaternion, an image, a scan, a cloud.
     max_age : float
         Seconds for which a message is valid; `inf` for latched topics.
     inf : str or None
@@ -60,7 +61,7 @@ class Source:
 
     name: str
     path: FieldPath
-    is_yaw: bool = False
+    encoder: Encoder | None = None
     max_age: float = 1.0
     inf: str | None = None
     one_hot: tuple[str, ...] = ()
@@ -70,11 +71,11 @@ class Source:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of its channels, such as `yaw.sin`, `scan[30]`, `shake.rms`, or its own name."""
-        parts = ('sin', 'cos') if self.is_yaw else self.one_hot or self.words
-        if len(self.over) > 1:
-            parts = self.over
+        """Names of its channels, such as `yaw.sin`, `scan[30]`, `shake.rms`, or its own."""
+        parts = self.over if len(self.over) > 1 else self.one_hot or self.words
         suffixes = tuple(f'.{part}' for part in parts) or self.path.suffixes
+        if self.encoder is not None:
+            suffixes = self.encoder.suffixes
         return tuple(self.name + suffix for suffix in suffixes)
 
     def readings(self, message) -> list[float]:
@@ -88,8 +89,8 @@ class Source:
         UnlistedCategoryError
 
         """
-        if self.is_yaw:
-            return [part for q in self.path.values_in(message) for part in self._yaw(q)]
+        if self.encoder is not None:
+            return [n for part in self.path.values_in(message) for n in self._encoded(part)]
         if self.one_hot:
             return [part for kind in self.path.values_in(message) for part in self._one_hot(kind)]
         if self.words:
@@ -117,15 +118,17 @@ class Source:
             )
         return [float(value == word) for word in self.words]
 
-    def _yaw(self, q) -> tuple[float, float]:
-        if not all(hasattr(q, part) for part in 'wxyz'):
+    def _encoded(self, value) -> list[float]:
+        assert self.encoder is not None
+        if not self.encoder.fits(lambda name: hasattr(value, name)):
             raise MissingFieldError(
-                f'{self.path} is {described(q)}; expected a quaternion of w, x, y, z for as: yaw'
+                f'{self.path} is {described(value)}; expected {self.encoder.expected} for '
+                f'as: {self.encoder.name}'
             )
-        sine = 2 * (q.w * q.z + q.x * q.y)
-        cosine = 1 - 2 * (q.y * q.y + q.z * q.z)
-        length = math.hypot(sine, cosine) or math.nan
-        return sine / length, cosine / length
+        try:
+            return self.encoder.encode(value)
+        except ValueError as error:
+            raise MissingFieldError(f'{self.path} has {error}') from None
 
 
 @dataclass(frozen=True)
@@ -229,6 +232,12 @@ class RobotFile:
     def topics(self) -> tuple[str, ...]:
         """All topics that the file uses, each once."""
         return self.topics_for([source.name for source in self.sources])
+
+    @property
+    def large_topics(self) -> frozenset[str]:
+        """Topics of images and clouds, few of whose messages fit into memory."""
+        large = [s.path.topic for s in self.sources if isinstance(s.encoder, (Image, Cloud))]
+        return frozenset(large)
 
     def topics_for(self, channels: Collection[str]) -> tuple[str, ...]:
         """Return the topics of some channels, and of actions, steps, reward and ends."""

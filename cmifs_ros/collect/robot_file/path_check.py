@@ -65,12 +65,12 @@ def _problems(robot: RobotFile, types: Mapping[str, str], fields_of: FieldsOf) -
 
 def _check_source(source: Source, kind: str, fields_of: FieldsOf) -> None:
     what = _what(source.path, kind, fields_of)
-    if source.is_yaw:
+    if source.encoder is not None:
         names = [field.name for field in fields_of(what)] if '/' in what else []
-        if what.endswith('[]') or not set('wxyz') <= set(names):
+        if what.endswith('[]') or not source.encoder.fits(names.__contains__):
             raise _WrongPathError(
-                f'{source.path} is {_described(what, fields_of)}; expected a quaternion of w, x, '
-                'y, z for as: yaw'
+                f'{source.path} is {_described(what, fields_of)}; expected '
+                f'{source.encoder.expected} for as: {source.encoder.name}'
             )
         return
     if source.words and what in ('number', 'numbers'):

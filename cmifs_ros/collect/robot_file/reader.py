@@ -303,7 +303,7 @@ def _problem_of_words(name: str, words: Iterable[str], source: Source | None) ->
         if source.over or source.inf:
             return f'compares {name} with a text; expected it without over and inf'
         return ''
-    path = source.path if source is not None and not source.is_yaw else '/task/status.data'
+    path = source.path if source is not None and source.encoder is None else '/task/status.data'
     return (
         f'compares {name[:60]} with {min(words)[:40]!r}; expected a text defined under values, '
         f'as in {name[:60]}: {path}, or a channel with one_hot'

@@ -9,19 +9,21 @@ import re
 
 import yaml
 
+from cmifs_ros.collect.encoders import Yaw
 from cmifs_ros.core.words import first
 
+from .encoder_reader import OPTIONS, EncoderReader
 from .model import SUMMARIES, VALUE, Source
-from .yaml_nodes import Nodes, shown
+from .yaml_nodes import shown
 
-_KEYS = ('path', 'as', 'max_age', 'inf', 'one_hot', 'over', 'type')
+_KEYS = ('path', 'as', *OPTIONS, 'max_age', 'inf', 'one_hot', 'over', 'type')
 _TYPE = re.compile(r'[a-z][a-z0-9_]*/msg/[A-Za-z][A-Za-z0-9]*')
 _WHOLE = re.compile(r'[+-]?\d{1,18}')
 #: Allowed as the last part of a channel's name, see `groups_by_name`.
 _WORD = re.compile(r'[A-Za-z_][^.\[\]]*')
 
 
-class SourceReader(Nodes):
+class SourceReader(EncoderReader):
     """Read channels, actions and values.
 
     Attributes
@@ -55,9 +57,7 @@ class SourceReader(Nodes):
             return None
         path = self.path(parts['path'], name)
         max_age = self.number(parts.get('max_age'), f'{name}.max_age', 0, math.inf, 1.0)
-        kind, inf = parts.get('as'), parts.get('inf')
-        if kind is not None and kind.value != 'yaw':
-            self.note(kind, f'{name}.as is {shown(kind)}; expected yaw')
+        encoder, inf = self.encoder(parts, name), parts.get('inf')
         if inf is not None and not (isinstance(inf, yaml.ScalarNode) and inf.value.isidentifier()
                                     and not inf.value.startswith('_')):  # fmt: skip
             self.note(inf, f'{name}.inf is {shown(inf)}; expected a field such as range_max')
@@ -66,11 +66,14 @@ class SourceReader(Nodes):
             return None
         if 'type' in parts:
             self.note_type(parts['type'], f'{name}.type', path.topic)
-        if kind is not None and (path.is_list or path.names):
-            self.note(node, f'{name} is a yaw of several values; expected one quaternion')
+        if encoder and (path.is_list or path.names or inf):
+            self.note(
+                node, f'{name} has as; expected {encoder.expected}, without a slice, names in '
+                'braces, and inf',
+            )  # fmt: skip
             return None
         kinds = self._kinds(parts['one_hot'], name) if 'one_hot' in parts else ()
-        if kinds and (len(path.suffixes) > 1 or kind or inf or role == VALUE):
+        if kinds and (len(path.suffixes) > 1 or encoder or inf or role == VALUE):
             self.note(
                 node,
                 f'{name} has one_hot; expected a channel of a single value, without as and inf. '
@@ -79,13 +82,13 @@ class SourceReader(Nodes):
             )
             return None
         over = self._over(parts['over'], name) if 'over' in parts else ()
-        if over and (kind or kinds or (len(over) > 1 and len(path.suffixes) > 1)):
+        if over and (encoder or kinds or (len(over) > 1 and len(path.suffixes) > 1)):
             self.note(
                 node,
                 f'{name} has over; expected numbers, without as and one_hot, and for several '
                 'summaries a single value',
             )
-        source = Source(name, path, kind is not None, max_age, inf and inf.value, kinds, role, over)
+        source = Source(name, path, encoder, max_age, inf and inf.value, kinds, role, over)
         return self._checked(source, node)
 
     def _over(self, node, name: str) -> tuple[str, ...]:
@@ -113,7 +116,7 @@ class SourceReader(Nodes):
         return kinds
 
     def _checked(self, source: Source, node) -> Source | None:
-        if not source.path.fields:
+        if not source.path.fields and source.encoder in (None, Yaw()):
             self.note(node, f'{source.name} is a topic without a field; expected /topic.field')
             return None
         return source

@@ -29,7 +29,8 @@ from cmifs_ros.core.words import counted
 
 from .field_path import FieldPath
 from .model import RESERVED_NAMES, STATUS
-from .observed_fields import MAX_FIELDS, ObservedField, ObservedTopic
+from .observed_field import ObservedField
+from .observed_fields import MAX_FIELDS, ObservedTopic
 from .own_topics import own_topics
 
 #: About how many messages of a bag's topic are read, evenly spaced. Of messages up to this size,
@@ -40,6 +41,8 @@ _GENERAL = (
     *('data', 'data_raw', 'raw', 'state', 'status', 'value', 'filtered'),
     *('cmd', 'command', 'commands', 'setpoint'),
 )
+#: Last parts of the topics of a camera or a lidar that only say what they carry.
+_KINDS = re.compile(r'(image|points|cloud)(_\w+)?|compressed(Depth)?')
 #: The last part of a topic that tells the robot what to do.
 _COMMAND = re.compile(r'(.*_)?(cmd|commands?|setpoints?)(_.*)?|goal(_pose)?')
 _OF_ROS = ('/rosout', '/parameter_events', '/clock')
@@ -215,6 +218,8 @@ def _names(paths: list[FieldPath]) -> list[str]:
 def _alternatives(path: FieldPath) -> list[str]:
     """Return possible names of a field, shortest first."""
     spaces = [_word(part) for part in path.topic.strip('/').split('/')]
+    while not path.fields and len(spaces) > 1 and _KINDS.fullmatch(spaces[-1]):
+        del spaces[-1]
     if spaces[-1] in _GENERAL and len(spaces) > 1:
         spaces[-2:] = ['_'.join(spaces[-2:])]
     parts: list[str] = []

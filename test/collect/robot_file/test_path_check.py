@@ -17,12 +17,14 @@ TYPES = {
     'a/msg/Text': {'data': 'text'},
     'a/msg/Scan': {'ranges': 'numbers', 'range_max': 'number', 'data': ''},
     'a/msg/Quaternion': dict.fromkeys('xyzw', 'number'),
+    'a/msg/Sweep': {'ranges': 'numbers'}
+    | dict.fromkeys(('angle_min', 'angle_increment', 'range_min', 'range_max'), 'number'),
     'a/msg/Pose': {'orientation': 'a/msg/Quaternion', 'position': 'a/msg/Temp'},
     'a/msg/Tree': {'status': 'a/msg/Text[]', 'name': ''},
 }
 TOPICS = {
     '/temp': 'a/msg/Temp', '/text': 'a/msg/Text', '/scan': 'a/msg/Scan', '/pose': 'a/msg/Pose',
-    '/tree': 'a/msg/Tree',
+    '/tree': 'a/msg/Tree', '/sweep': 'a/msg/Sweep',
 }  # fmt: skip
 
 
@@ -46,6 +48,7 @@ def problems(channel='/temp.data', value='/temp.data', reward='1', end='v == 1')
         {'channel': '"/scan.ranges{a,b}"'},
         {'channel': '"/scan.data[0]"'},
         {'channel': '{path: /pose.orientation, as: yaw}'},
+        {'channel': '{path: /sweep, as: scan}'},
         {'channel': '{path: /text.data, one_hot: [a, b]}'},
         {'channel': '"/tree.status{left}.data"'},
         {'channel': '"/tree.status[0].data"'},
@@ -70,6 +73,8 @@ def test_what_fits_is_not_complained_of(right):
         ({'channel': '"/temp.data{a}.x"'}, 'c: /temp.data is a number; expected an array for {a}'),
         ({'channel': '/scan.ranges'}, 'c: /scan.ranges is an array; expected an entry of it, such'),
         ({'channel': '{path: "/scan.ranges[0]", inf: max}'}, "c: /scan has no field 'max'"),
+        ({'channel': '{path: /scan, as: scan}'},
+         '/scan is a Scan of ranges, range_max, data; expected a sensor_msgs/LaserScan for'),
         ({'channel': '{path: /pose.position, as: yaw}'}, 'expected a quaternion of w, x, y, z'),
         ({'channel': '/tree.status.data'}, 'c: /tree.status is an array of a/msg/Text; expected'),
         ({'end': "v == 'done'"}, "v: /temp.data is a number; expected a text, because it is comp"),

@@ -191,7 +191,7 @@ def test_a_type_of_no_topic_and_a_yaw_of_an_array_are_refused():
     with pytest.raises(RobotFileError) as error:
         parse_robot_file(text)
     assert 'line 2: step.type is given without step.topic' in str(error.value)
-    assert 'line 7: scan is a yaw of several values' in str(error.value)
+    assert 'line 7: scan has as; expected a quaternion' in str(error.value)
 
 
 @pytest.mark.parametrize(
@@ -299,3 +299,51 @@ def test_the_channels_that_the_reward_is_made_of_are_known():
     assert parse_robot_file(WHOLE).reward_channels == ()
     path = re.sub('reward: .*', 'reward: /battery_state.percentage', WHOLE)
     assert parse_robot_file(path).reward_channels == ('battery',)
+
+
+def with_channel(line):
+    return f'step: {{rate: 10}}\nchannels:\n  {line}\nreward: "1"\n'
+
+
+@pytest.mark.parametrize(
+    ('line', 'count', 'names'),
+    [
+        ('eye: {path: /camera/image_raw, as: image}', 15, {'eye[0,0]', 'eye[0,4]', 'eye[4,0]'}),
+        ('scan: {path: /scan, as: scan}', 12, {'scan[0]', 'scan[11]'}),
+        ('scan: {path: /scan, as: scan, sectors: 4}', 4, {'scan[3]'}),
+        ('lidar: {path: /points, as: cloud, max_range: 5.0}', 12, {'lidar[0]'}),
+        ('lidar: {path: /points, as: cloud, heights: [0.1, 1, .inf], sectors: 3}', 6,
+         {'lidar[0,0]', 'lidar[1,2]'}),
+    ],
+)  # fmt: skip
+def test_messages_of_many_numbers_are_one_sensor_each(line, count, names):
+    robot = parse_robot_file(with_channel(line))
+    assert len(robot.channel_names) == count
+    assert names <= set(robot.channel_names)
+    assert list(robot.groups) == [line.split(':')[0]]
+
+
+@pytest.mark.parametrize(
+    ('options', 'said'),
+    [
+        ('as: picture', "c.as is 'picture'; expected yaw, image, scan, cloud"),
+        ('as: image, sectors: 4', 'c has sectors; expected it with as: scan or as: cloud only'),
+        ('max_range: 4', 'c has max_range; expected it with as: cloud only'),
+        ('as: scan, sectors: 0', "c.sectors is '0'; expected a number from 1 to 360"),
+        ('as: scan, inf: range_max', 'c has as; expected a sensor_msgs/LaserScan, without'),
+        ('as: cloud, heights: [1]', 'c.heights is 1 numbers; expected the limits of bands'),
+        ('as: cloud, heights: [1, 0]', r'c.heights is \[1.0, 0.0\]; expected ascending numbers'),
+        ('as: image, over: mean', 'c has over; expected numbers, without as'),
+        ('max_age: 2', 'c is a topic without a field'),
+    ],
+)
+def test_wrong_options_of_encoders_are_named(options, said):
+    with pytest.raises(RobotFileError, match=rf'line 3: {said}'):
+        parse_robot_file(with_channel(f'c: {{path: /t, {options}}}'))
+
+
+def test_a_message_of_another_type_is_told_what_is_expected():
+    robot = parse_robot_file(with_channel('eye: {path: /t, as: image}'))
+    with pytest.raises(MissingFieldError, match=r'/t is a SimpleNamespace of ranges; expected a '
+                       r'sensor_msgs/Image or CompressedImage for as: image'):  # fmt: skip
+        robot.sources[0].readings(Message(ranges=[1.0]))

@@ -197,3 +197,40 @@ def test_of_a_bag_a_rare_event_is_seen_and_what_was_not_looked_at_is_told(tmp_pa
     text = robot_file_of_bag(tmp_path / 'bag')
     assert '\n  hit: "/hit.data"\n' in text
     assert '"/t.temperature"  # never changed: 20, in 1000 of 3000 messages' in text
+
+
+def image_of(value, encoding='mono8'):
+    return Message(height=1, width=2, encoding=encoding, is_bigendian=0, step=2,
+                   data=bytes([value, 0]))  # fmt: skip
+
+
+def scan_of(length):
+    return Message(angle_min=0.0, angle_increment=0.1, range_min=0.1, range_max=9.0,
+                   ranges=[1.0 + length / 10] * length)  # fmt: skip
+
+
+def test_images_and_clouds_are_sensors_as_a_whole_and_scans_whose_rays_vary():
+    image, scan = 'sensor_msgs/msg/Image', 'sensor_msgs/msg/LaserScan'
+    numbers = ('angle_min', 'angle_increment', 'range_min', 'range_max')
+    kinds = {image: {}, scan: {**dict.fromkeys(numbers, 'number'), 'ranges': 'numbers'}}
+    said = [
+        (topic, image, image_of(i))
+        for i in range(3)
+        for topic in ('/camera/image_raw', '/arm/wrist/image_raw', '/arm/wrist/compressed')
+    ]
+    said += [('/raw/image', image, image_of(i, 'bayer_rggb8')) for i in range(3)]
+    said += [('/still/image', image, image_of(7)) for i in range(3)]
+    said += [('/sweep', scan, scan_of(i)) for i in (30, 30, 31, 29, 30)]
+    said += [('/fixed', scan, scan_of(i)) for i in (24, 24)]  # fmt: skip
+    lines = text_of(kinds, *said).splitlines()
+    assert '  camera: {path: "/camera/image_raw", as: image}' in lines
+    assert '  arm_wrist: {path: "/arm/wrist/compressed", as: image}' in lines
+    assert '  arm_wrist_2: {path: "/arm/wrist/image_raw", as: image}' in lines
+    assert any(
+        line.startswith('  # raw: {path: "/raw/image", as: image}  # /raw/image has the encoding ')
+        for line in lines
+    )
+    assert any('# still: {path: "/still/image", as: image}  # never' in line for line in lines)
+    assert '  sweep: {path: "/sweep", as: scan}' in lines
+    assert not any('/sweep.' in line for line in lines)
+    assert any('"/fixed.ranges[0:24:2]"' in line for line in lines)
