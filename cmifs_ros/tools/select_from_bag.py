@@ -82,6 +82,10 @@ def main(arguments: list[str] | None = None, program: str = 'select_from_bag') -
         'return)',
     )  # fmt: skip
     parser.add_argument(
+        '--significance', type=between(0, 1), default=ConditionalMISelector().significance,
+        metavar='P', help='greatest p-value that confirms a sensor (default %(default)s)',
+    )  # fmt: skip
+    parser.add_argument(
         '--margin', type=between(0, 1), default=ConditionalMISelector().margin, metavar='SHARE',
         help="share of the target's variance; a sensor that adds less is dispensable (default: "
         '%(default)s)',
@@ -223,7 +227,8 @@ def _select(
     if problem:
         raise CommandError(problem)
     settings = {'num_features': options.num_features, 'n_jobs': os.cpu_count()}
-    settings |= {'target': target, 'margin': options.margin}
+    settings |= {name: getattr(options, name) for name in ('margin', 'significance')}
+    settings['target'] = target
     settings['groups'] = groups_by_name(pool.channel_names)
     if target == RETURN:
         settings['gamma'] = _gamma(pool, robot, options)

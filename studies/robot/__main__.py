@@ -110,7 +110,7 @@ def drive(folder: Path, options: argparse.Namespace) -> Selection:
         stack.callback(operator.close)
         stack.enter_context(
             Process(logs, executable('selector_node'), use_sim_time=True, selection_period=0.0,
-                    min_episodes=2, max_episodes=options.goals,
+                    min_episodes=options.goals, max_episodes=options.goals,
                     episodes_path=str(folder / 'live'))
         )  # fmt: skip
         stack.enter_context(
@@ -147,6 +147,8 @@ def run(options: argparse.Namespace) -> None:
         folder = Path(name)
         live = drive(folder, options)
         arguments = [str(folder / 'bag'), '--robot', str(ROBOT_FILE), '--out', name]
+        # The node keeps a part of its significance for later selections.
+        arguments += ['--significance', str(live.level)]
         if select_from_bag.main([*arguments, '--episodes-file', str(folder / 'from_bag')]):
             raise CommandError('select_from_bag failed')
         one, other = (

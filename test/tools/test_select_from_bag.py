@@ -582,6 +582,11 @@ def test_a_demonstration_without_a_reward_shows_what_the_action_depends_on(sort)
     assert sort(skilled, text, topics=('belt', 'arm')) == ['hue']
 
 
+def test_no_evidence_is_enough_for_a_significance_of_almost_0(sort, tmp_path):
+    assert sort(rollout_control('match', 30, seed=1), SORTING, '--significance', '1e-300') == []
+    assert json.loads((tmp_path / 'selection.json').read_text())['level'] == 1e-300
+
+
 def test_the_option_target_goes_before_the_robot_file(sort):
     text = SORTING + 'target: action\n'
     assert sort(rollout_control('match', 60, seed=1), text, '--target', 'decision') == ['hue']
