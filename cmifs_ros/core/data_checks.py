@@ -11,7 +11,7 @@ import numpy as np
 from .drift import share_of_drift
 from .episode import Episode
 from .returns import discounted_returns
-from .words import counted, listed
+from .words import counted, first, listed, short
 
 #: Warn if at least this share of the variance of the episodes' mean returns is slow drift.
 _MUCH_DRIFT = 0.5
@@ -28,7 +28,8 @@ _MAX_RUNS = 100_000
 _MUCH_BETWEEN, _SOME_BETWEEN = 0.9, 0.2
 #: Warn if the channels predict at least this share of the action's variance.
 _MUCH_PREDICTED = 0.5
-_MAX_PREDICTORS = 3
+#: Most channels that predict an action together, chosen from so many that predict it best alone.
+_MAX_PREDICTORS, _MAX_COMPARED = 3, 5
 #: Returns the share of each action's variance that channels predict.
 Shares = Callable[[list[int]], dict[str, float]]
 
@@ -86,29 +87,31 @@ def problems_of_skill(predicted_shares: Shares, num_channels: int) -> list[str]:
     num_channels : int
 
     """
+    alone = [predicted_shares([channel]) for channel in range(num_channels)]
     best = {
-        action: _best_share(predicted_shares, action, num_channels)
+        action: _best_share(predicted_shares, action, [of_one[action] for of_one in alone])
         for action in predicted_shares([])
     }
     skilled = {action: share for action, share in best.items() if share >= _MUCH_PREDICTED}
     if not skilled:
         return []
-    listed = ', '.join(
-        f'{action}: {share:.0%} of its variance' for action, share in skilled.items()
-    )
+    said = [f'{short(action)}: {share:.0%} of its variance' for action, share in skilled.items()]
     return [
-        f'the action follows from the sensors ({listed}): if a controller always acts alike, '
+        f'the action follows from the sensors ({first(said)}): if a controller always acts alike, '
         "the return cannot show what its sensors are good for; target 'action' finds what the "
         'controller looks at'
     ]
 
 
-def _best_share(predicted_shares: Shares, action: str, num_channels: int) -> float:
-    """Return the share that few channels predict, each the best given the previous ones."""
-    chosen: list[int] = []
-    best = 0.0
-    while len(chosen) < min(_MAX_PREDICTORS, num_channels) and best < _MUCH_PREDICTED:
-        rest = (c for c in range(num_channels) if c not in chosen)
+def _best_share(predicted_shares: Shares, action: str, alone: Sequence[float]) -> float:
+    """Return the share that few channels predict, of those that predict most alone.
+
+    Each is the best given the previous ones.
+    """
+    compared = sorted(range(len(alone)), key=lambda c: -alone[c])[:_MAX_COMPARED]
+    chosen, best = compared[:1], alone[compared[0]]
+    while len(chosen) < min(_MAX_PREDICTORS, len(compared)) and best < _MUCH_PREDICTED:
+        rest = (c for c in compared if c not in chosen)
         shares = {c: predicted_shares([*chosen, c])[action] for c in rest}
         channel = max(shares, key=shares.__getitem__)
         if shares[channel] <= best:
