@@ -111,6 +111,7 @@ def drive(folder: Path, options: argparse.Namespace) -> Selection:
         stack.enter_context(
             Process(logs, executable('selector_node'), use_sim_time=True, selection_period=0.0,
                     min_episodes=options.goals, max_episodes=options.goals,
+                    significance=0.15,  # of which the first selection spends a third
                     episodes_path=str(folder / 'live'))
         )  # fmt: skip
         stack.enter_context(
@@ -147,7 +148,6 @@ def run(options: argparse.Namespace) -> None:
         folder = Path(name)
         live = drive(folder, options)
         arguments = [str(folder / 'bag'), '--robot', str(ROBOT_FILE), '--out', name]
-        # The node keeps a part of its significance for later selections.
         arguments += ['--significance', str(live.level)]
         if select_from_bag.main([*arguments, '--episodes-file', str(folder / 'from_bag')]):
             raise CommandError('select_from_bag failed')
