@@ -85,4 +85,6 @@ def messages_of(name: str, table) -> Table:
 
 
 def _column(values) -> Column:
-    return Column(lambda begin, end: values.slice(begin, end - begin).to_pylist())
+    return Column(
+        lambda begin, end: values.slice(begin, end - begin).to_pylist(), values.nbytes, len(values)
+    )

@@ -27,6 +27,8 @@ SUFFIXES = ('.h5', '.hdf5')
 _STATES, _ACTIONS, _REWARDS = ('observations', 'obs'), ('actions', 'action'), ('rewards', 'reward')
 #: Data sets by which D4RL marks the last steps of episodes in one long array.
 _ENDS = ('terminals', 'timeouts')
+#: With more bytes in a step, a data set is a compressed picture.
+_MOST_BYTES = 1000
 
 
 @contextmanager
@@ -67,8 +69,9 @@ def tables_in(path, file) -> dict[str, Callable[[], Table]]:
 
 def _has_times(group) -> bool:
     return _is_group(group) and any(
-        part.replace('.', '/') in group or part in group
+        getattr(group.get(name), 'shape', None)
         for part in (SECONDS, NANOSECONDS, STAMP[0])
+        for name in (part, part.replace('.', '/'))
     )
 
 
@@ -86,7 +89,7 @@ def _datasets(group) -> dict:
 
 
 def _table(name: str, group) -> Table:
-    found = {key: item for key, item in _datasets(group).items() if item.shape}
+    found = {key: item for key, item in _datasets(group).items() if _is_column(item)}
     told = {part: found[part] for part in (SECONDS, NANOSECONDS, *STAMP) if part in found}
     num_rows = len(next(iter(told.values())))
     for key, item in found.items():
@@ -99,9 +102,20 @@ def _table(name: str, group) -> Table:
     return Table(name, {key: _column(item) for key, item in found.items()}, times, num_bytes)
 
 
+def _is_column(item) -> bool:
+    """Return whether each row is a text, a number or a list of numbers; pictures are not."""
+    from h5py import check_string_dtype, check_vlen_dtype
+
+    kind = item.dtype
+    is_known = kind.kind in 'biuf' or check_string_dtype(kind) or check_vlen_dtype(kind)
+    return bool(is_known and item.shape and item.ndim <= 2)
+
+
 def _column(item) -> Column:
-    values = item.asstr() if item.dtype.kind in 'OS' else item
-    return Column(lambda begin, end: values[begin:end])
+    from h5py import check_string_dtype
+
+    values = item.asstr() if check_string_dtype(item.dtype) else item
+    return Column(lambda begin, end: values[begin:end], item.nbytes, len(item))
 
 
 def steps_in(path, file) -> RecordedEpisodes:
@@ -158,7 +172,7 @@ def _steps(name: str, group, unreadable: dict[str, str]) -> Steps:
     actions = _part(group, _ACTIONS)
     found_actions = {} if actions is None else _numbers(actions, unreadable)
     rewards = _part(group, _REWARDS)
-    values = {} if rewards is None else {'rewards': rewards[:].ravel()}
+    values = {} if rewards is None else {'rewards': _vector(name, rewards)}
     sizes = {f'action {key}'.strip(): len(part) for key, part in found_actions.items()}
     sizes |= {key: len(part) for key, part in values.items()}
     count = next(iter(sizes.values()), len(next(iter(states.values()))))
@@ -180,6 +194,13 @@ def _said(unreadable: Mapping[str, str]) -> str:
     return first([f'{key}: {why}' for key, why in unreadable.items()]) or 'it is empty'
 
 
+def _vector(name: str, item) -> np.ndarray:
+    """Return a data set with a number for each step, shape (T,)."""
+    if _is_group(item) or not item.shape or item.dtype.kind not in 'biuf':
+        raise RecordingError(f'{name}: {item.name} is no array; expected a number for each step')
+    return item[:].ravel()
+
+
 def _numbers(found, unreadable: dict[str, str]) -> dict[str, np.ndarray]:
     """Return the arrays of an observation or action by key; note what is left out."""
     items = _datasets(found) if _is_group(found) else {WHOLE: found}
@@ -187,20 +208,31 @@ def _numbers(found, unreadable: dict[str, str]) -> dict[str, np.ndarray]:
     for key, item in items.items():
         if item.dtype.kind not in 'biuf':
             unreadable[key or item.name] = 'it has no numbers'
-        elif item.ndim > 2:
+        elif _is_pictures(key, item):
             unreadable[key or item.name] = 'images are not read'
         elif item.ndim:
             numbers[key] = item[:]
     return numbers
 
 
+def _is_pictures(key: str, item) -> bool:
+    """Return whether a data set holds pictures, as pixels or, as by ALOHA, as compressed bytes."""
+    is_wide = item.ndim == 2 and (item.shape[1] > _MOST_BYTES or 'images' in key.split('.'))
+    return item.ndim > 2 or (is_wide and item.dtype == np.uint8)
+
+
 def _split(steps: Steps, group) -> tuple[list[Steps], int]:
     """Return the episodes of a long array with marked ends, and the number of steps after them."""
-    marks = [np.asarray(group[key][:], bool).ravel() for key in _ENDS if key in group]
+    marks = {key: _vector(steps.name, group[key]) for key in _ENDS if key in group}
     if not marks:
         return [steps], 0
-    ends = np.flatnonzero(np.any(marks, axis=0)) + 1
-    begins = [0, *ends[:-1]]
+    for key, values in marks.items():
+        if len(values) != len(steps):
+            raise RecordingError(
+                f'{steps.name} has {len(steps)} steps, but {key} {len(values)}; expected as many'
+            )
+    ends = np.flatnonzero(np.any([values > 0 for values in marks.values()], axis=0)) + 1
+    begins = [0, *ends][: len(ends)]
     parts = [
         Steps(
             f'{steps.name}, steps {begin} to {end - 1}',

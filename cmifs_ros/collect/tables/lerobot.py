@@ -10,7 +10,7 @@ the episodes, or `next.done` marks their ends.
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
@@ -119,7 +119,8 @@ class _Columns:
 
     def below(self, start: str) -> dict[str, np.ndarray]:
         """Return all columns whose names begin with a prefix, by the rest of the name."""
-        keys = {name: _key(name, start) for name in self._table.column_names}
+        names = self._table.column_names
+        keys = {name: _key(name, start, names) for name in names}
         found = {key: self.numbers(name) for name, key in keys.items() if key is not None}
         return {key: values for key, values in found.items() if values is not None}
 
@@ -138,46 +139,54 @@ class _Columns:
         values = column.combine_chunks()
         if isinstance(values, pa.ChunkedArray):  # It has no chunks.
             values = pa.array([], kind)
-        size = self._size(name, values) if is_list else None
+        shape = (len(values), self._size(name, values)) if is_list else (len(values),)
+        if shape[0] and 0 in shape:
+            self.unreadable[name] = 'its lists are empty'
+            return None
         values = values.flatten() if is_list else values
         values = values.cast(pa.float64() if values.null_count else of)
-        numbers = values.to_numpy(zero_copy_only=False)
-        return numbers.reshape(-1, size) if is_list else numbers
+        return values.to_numpy(zero_copy_only=False).reshape(shape)
 
     def _size(self, name: str, lists) -> int:
         """Return the number of values in each row of a column."""
         from pyarrow import compute
 
         sizes = compute.list_value_length(lists).fill_null(-1).to_numpy()
-        wrong = np.flatnonzero(sizes != sizes[0]) if len(sizes) else []
+        like = int(np.argmax(sizes >= 0)) if len(sizes) else 0
+        wrong = np.flatnonzero(sizes != sizes[like : like + 1])
         if len(wrong):
             row, size = wrong[0], sizes[wrong[0]]
             raise RecordingError(
                 f'{self.path}: row {row} of {name} has {"nothing" if size < 0 else size}; '
-                f'expected {sizes[0]} numbers, as row 0 has'
+                f'expected {sizes[like]} numbers, as row {like} has'
             )
-        return int(sizes[0]) if len(sizes) else 0
+        return max(0, int(sizes[like])) if len(sizes) else 0
+
+    def complete(self, name: str) -> np.ndarray | None:
+        """Return a column as `numbers` does; raise RecordingError if a row has none."""
+        numbers = self.numbers(name)
+        unknown = [] if numbers is None else np.flatnonzero(np.isnan(numbers))
+        if len(unknown):
+            raise RecordingError(f'{self.path}: row {unknown[0]} has no {name}')
+        return numbers
 
 
-def _key(name: str, start: str) -> str | None:
-    """Return the name of a column after a prefix; None if it has another prefix."""
-    if name in (start, f'{start}.state'):
+def _key(name: str, start: str, names: Container[str]) -> str | None:
+    """Return the name of a column among others after a prefix; None if it has another prefix."""
+    if name == start or (name == f'{start}.state' and start not in names):
         return WHOLE
     return name[len(start) + 1 :] if name.startswith(f'{start}.') else None
 
 
 def _episodes(columns: _Columns) -> dict[str, np.ndarray] | None:
     """Return the rows of each complete episode by name; None if no column separates them."""
-    numbers, frames = columns.numbers(_EPISODE), columns.numbers(_FRAME)
+    numbers, frames = columns.complete(_EPISODE), columns.numbers(_FRAME)
     if numbers is not None:
-        unknown = np.flatnonzero(np.isnan(numbers))
-        if len(unknown):
-            raise RecordingError(f'{columns.path}: row {unknown[0]} has no {_EPISODE}')
         order = np.lexsort((np.arange(len(numbers)) if frames is None else frames, numbers))
         found, begins = np.unique(numbers[order], return_index=True)
-        rows = np.split(order, begins[1:])
+        rows = np.split(order, begins)[1:]
         return {f'{_EPISODE} {n:g}': part for n, part in zip(found, rows, strict=True)}
-    done = columns.numbers(_DONE)
+    done = columns.complete(_DONE)
     if done is None:
         return None
     ends = np.flatnonzero(done) + 1
@@ -201,7 +210,7 @@ def _names(info: Info, start: str) -> dict[str, list[str]]:
     """Return the names of numbers by key: from a list, lists in a mapping, or its keys."""
     found = {}
     for name, said in info.features.items():
-        key, names = _key(name, start), said.get('names')
+        key, names = _key(name, start, info.features), said.get('names')
         if isinstance(names, Mapping):
             of_all = [part for part in names.values() if isinstance(part, list)]
             names = [part for parts in of_all for part in parts] if of_all else list(names)

@@ -14,8 +14,10 @@ from cmifs_ros.collect.recorded_episodes import RecordingError
 #: Columns with the time of a row: in seconds or as dates; in nanoseconds; as in ROS.
 SECONDS, NANOSECONDS = 'timestamp', 'timestamp_ns'
 STAMP = ('header.stamp.sec', 'header.stamp.nanosec')
-#: Rows of a column decoded at a time.
-_BLOCK = 1000
+#: Rows of a column decoded at a time, and their size in bytes.
+_MAX_ROWS, _MAX_BYTES = 1000, 2**23
+#: The latest time in seconds; in nanoseconds it still fits into 64 bits.
+_LATEST = 9 * 10**9
 
 
 class Column:
@@ -25,17 +27,21 @@ class Column:
     ----------
     read : callable
         Returns the values of a range of rows.
+    num_bytes : int
+        Size of all rows.
+    num_rows : int
 
     """
 
-    def __init__(self, read: Callable[[int, int], Sequence]):
+    def __init__(self, read: Callable[[int, int], Sequence], num_bytes: int, num_rows: int):
         self._read = read
+        self._rows = max(1, min(_MAX_ROWS, _MAX_BYTES * num_rows // max(1, num_bytes)))
         self._begin, self._block = 0, read(0, 0)
 
     def __getitem__(self, row: int):
         if not 0 <= row - self._begin < len(self._block):
-            self._begin = row - row % _BLOCK
-            self._block = self._read(self._begin, self._begin + _BLOCK)
+            self._begin = row - row % self._rows
+            self._block = self._read(self._begin, self._begin + self._rows)
         return self._block[row - self._begin]
 
 
@@ -131,30 +137,44 @@ def times_of(name: str, columns: Mapping[str, np.ndarray]) -> np.ndarray:
     Raises
     ------
     RecordingError
-        If there are none, or a time is missing.
+        If there are none, or a time is missing or too great.
 
     """
     if NANOSECONDS in columns:
-        times = columns[NANOSECONDS]
+        times = _checked(name, NANOSECONDS, columns[NANOSECONDS], _LATEST * 10**9)
     elif SECONDS in columns:
         times = columns[SECONDS]
         if times.dtype.kind == 'M':
-            times = times.astype('datetime64[ns]').astype(np.int64)
-        elif times.dtype.kind == 'f':
-            times = times.astype(float) * 1e9
-        elif times.dtype.kind in 'iu':
-            times = times.astype(np.int64) * 10**9
+            nanoseconds = times.astype('datetime64[ns]').astype(np.int64)
+            times = _checked(name, SECONDS, nanoseconds, _LATEST * 10**9)
+        else:
+            times = _checked(name, SECONDS, times, _LATEST)
+            is_whole = times.dtype.kind in 'iu'
+            times = times.astype(np.int64) * 10**9 if is_whole else times.astype(float) * 1e9
     elif all(part in columns for part in STAMP):
-        seconds, rest = (columns[part].astype(np.int64) for part in STAMP)
+        seconds, rest = (
+            _checked(name, part, columns[part], _LATEST).astype(np.int64) for part in STAMP
+        )
         times = seconds * 10**9 + rest
     else:
         raise RecordingError(
             f'{name} has no column {SECONDS} (seconds or dates), {NANOSECONDS} or {STAMP[0]}, '
             'for the time of a row; with a robot file, rows are messages'
         )
+    return np.round(times).astype(np.int64)
+
+
+def _checked(name: str, column: str, times: np.ndarray, latest: int) -> np.ndarray:
+    """Return the times in a column if all are numbers from 0 to the latest."""
     if times.dtype.kind not in 'iuf':
         raise RecordingError(f'{name}: the times are {times.dtype}; expected numbers or dates')
-    bad = np.flatnonzero(~np.isfinite(times) | (times < 0))
-    if len(bad):
-        raise RecordingError(f'{name} has no time in row {bad[0]}; expected a time in each row')
-    return np.round(times).astype(np.int64)
+    missing = np.flatnonzero(~(times >= 0))
+    if len(missing):
+        raise RecordingError(f'{name} has no time in row {missing[0]}; expected a time in each row')
+    late = np.flatnonzero(times > latest)
+    if len(late):
+        raise RecordingError(
+            f'{name}: {column} is {times[late[0]]} in row {late[0]}; expected at most '
+            f'{latest:.0e}: {SECONDS} is in seconds, {NANOSECONDS} in nanoseconds'
+        )
+    return times

@@ -65,4 +65,4 @@ def _table(name: str, data: Mapping[str, np.ndarray]) -> Table:
 
 
 def _column(values: np.ndarray) -> Column:
-    return Column(lambda begin, end: values[begin:end])
+    return Column(lambda begin, end: values[begin:end], values.nbytes, len(values))

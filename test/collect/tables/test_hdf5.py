@@ -2,6 +2,8 @@
 
 """Data sets of steps in HDF5, in the shapes of Minari, robomimic, D4RL and ALOHA."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
 
@@ -9,7 +11,12 @@ pytest.importorskip('h5py', reason='h5py is not here')
 import h5py
 
 from cmifs_ros.collect.recorded_episodes import RecordingError
-from cmifs_ros.collect.recording import episodes_of_recording, recordings_in
+from cmifs_ros.collect.recording import (
+    episodes_of_recording,
+    recordings_in,
+    robot_file_of_recording,
+)
+from cmifs_ros.collect.robot_file.reader import parse_robot_file
 
 RNG = np.random.default_rng(0)
 
@@ -115,17 +122,47 @@ def test_d4rl_is_cut_at_its_ends(tmp_path):
     np.testing.assert_array_equal(found.episodes[1].rewards, contents['rewards'][5:12])
 
 
+def test_marks_of_ends_that_are_never_true_leave_no_complete_episode(tmp_path):
+    contents = {'observations': RNG.normal(size=(9, 2)), 'terminals': np.zeros(9, bool)}
+    with pytest.raises(RecordingError, match='has no complete episode'):
+        episodes_of_recording(write(tmp_path / 'walk.hdf5', contents))
+
+
+@pytest.mark.parametrize(
+    ('change', 'said'),
+    [
+        ({'timeouts': np.zeros(8, bool)}, 'has 9 steps, but timeouts 8; expected as many'),
+        ({'terminals': True}, '/terminals is no array; expected a number for each step'),
+        ({'rewards': 1.0}, '/rewards is no array; expected a number for each step'),
+        ({'rewards/task': np.zeros(9)}, '/rewards is no array; expected a number for each step'),
+    ],
+)
+def test_marks_and_rewards_that_are_no_number_for_each_step_are_named(tmp_path, change, said):
+    contents = {'observations': RNG.normal(size=(9, 2)), 'terminals': np.arange(9) == 8} | change
+    with pytest.raises(RecordingError) as error:
+        episodes_of_recording(write(tmp_path / 'walk.hdf5', contents))
+    assert said in str(error.value)
+
+
 def test_aloha_has_an_episode_in_each_file_and_no_reward(tmp_path):
     for number in (0, 1, 10, 2):
         contents = {
             'observations/qpos': RNG.normal(size=(6, 14)), 'action': RNG.normal(size=(6, 14)),
             'observations/images/top': np.zeros((6, 5, 5, 3), np.uint8),
+            # Compressed pictures, filled up to the same number of bytes.
+            'observations/images/wrist': np.zeros((6, 70), np.uint8),
+            'observations/eye': np.zeros((6, 4000), np.uint8),
+            'observations/touch': np.zeros((6, 2), np.uint8),
         }  # fmt: skip
         write(tmp_path / f'episode_{number}.hdf5', contents)
     paths = recordings_in(tmp_path)
     assert [path.stem[8:] for path in paths] == ['0', '1', '2', '10']
     found = episodes_of_recording(paths[0])
     assert (len(found.episodes), found.channel_names[13]) == (1, 'qpos[13]')
+    assert found.channel_names[14:] == ('touch[0]', 'touch[1]')
+    assert found.unreadable == dict.fromkeys(
+        ('eye', 'images.top', 'images.wrist'), 'images are not read'
+    )
     assert found.no_rewards == 'no data set rewards or reward'
     assert not found.episodes[0].rewards.any()
 
@@ -176,3 +213,52 @@ def test_a_file_of_something_else_is_one_sentence(tmp_path):
     (tmp_path / 'torn.h5').write_bytes(b'no')
     with pytest.raises(RecordingError, match='cannot be read as HDF5'):
         episodes_of_recording(tmp_path / 'torn.h5')
+
+
+def write_messages(path, **more):
+    """Write a group /run of messages at 10 Hz, and more data sets by name."""
+    contents = {'run/timestamp': np.arange(60) / 10, 'run/x': np.arange(60.0)}
+    return write(path, contents | {f'run/{name}': values for name, values in more.items()})
+
+
+MESSAGES = parse_robot_file(
+    'step: {rate: 10}\nchannels: {x: /run.x, near: "/run.ranges[1]"}\nreward: x\n'
+    'episode: {steps: 5}\n'
+)
+
+
+def test_rows_of_numbers_of_any_length(tmp_path):
+    ranges = np.empty(60, object)
+    ranges[:] = [np.arange(2.0 + row % 3) * row for row in range(60)]
+    path = write_messages(tmp_path / 'run.h5')
+    with h5py.File(path, 'a') as file:
+        file.create_dataset('run/ranges', data=ranges, dtype=h5py.vlen_dtype(float))
+    found = episodes_of_recording(path, MESSAGES)
+    assert len(found.episodes) == 10
+    for episode in found.episodes:
+        np.testing.assert_array_equal(episode.states[:, 1], episode.states[:, 0])
+    assert '"/run.x"' in robot_file_of_recording(path)
+
+
+def test_a_group_without_a_time_for_each_row_is_no_table(tmp_path):
+    path = write_messages(tmp_path / 'run.h5', ranges=np.arange(120.0).reshape(60, 2))
+    with h5py.File(path, 'a') as file:
+        file['about/timestamp'] = 17.5
+        file['folder/timestamp/zone'] = np.zeros(3)
+    assert len(episodes_of_recording(path, MESSAGES).episodes) == 10
+    assert '/about' not in robot_file_of_recording(path)
+
+
+@pytest.mark.parametrize('shape', [(300, 400, 700, 1), (300, 280_000)])
+def test_pictures_among_messages_do_not_fill_the_memory(tmp_path, shape):
+    with h5py.File(tmp_path / 'run.h5', 'w') as file:
+        file['cam/timestamp'] = np.arange(shape[0]) / 10
+        file['cam/light'] = np.arange(shape[0])
+        # Never written: 84 MB of zeros that take no place in the file.
+        file.create_dataset('cam/rgb', shape, np.uint8, chunks=(1, *shape[1:]))
+    tracemalloc.start()
+    try:
+        assert '"/cam.light"' in robot_file_of_recording(tmp_path / 'run.h5')
+        assert tracemalloc.get_traced_memory()[1] < 50e6
+    finally:
+        tracemalloc.stop()

@@ -184,7 +184,11 @@ def test_episodes_that_miss_a_step_or_a_number_are_dropped_and_counted():
          'episode_index or next.done'),
         (rows(**{'observation.state': [[1.0, 2.0]] * 9 + [[1.0]] * 5}),
          'row 9 of observation.state has 1; expected 2 numbers, as row 0 has'),
+        (rows(**{'observation.state': [None] + [[1.0, 2.0]] * 13}),
+         'row 0 of observation.state has nothing; expected 2 numbers, as row 1 has'),
         (rows(episode_index=[0.0] * 13 + [None]), 'row 13 has no episode_index'),
+        (rows(episode_index=None, **{'next.done': [None] + [True] * 13}),
+         'row 0 has no next.done'),
     ],
 )  # fmt: skip
 def test_a_table_that_cannot_be_used_is_one_sentence(columns, said):
@@ -192,6 +196,32 @@ def test_a_table_that_cannot_be_used_is_one_sentence(columns, said):
     with pytest.raises(RecordingError) as error:
         episodes_of_recording(table)
     assert said in str(error.value)
+
+
+@pytest.mark.parametrize('empty', [[], None])
+def test_a_column_of_empty_lists_is_left_out(empty):
+    table = table_of(rows())
+    lists = pa.array([empty] * len(table), pa.list_(pa.float32()))
+    found = episodes_of_recording(table.append_column('observation.extra', lists))
+    assert_episodes(found, rows())
+    assert found.unreadable == {'observation.extra': 'its lists are empty'}
+
+
+def test_a_table_without_rows_has_no_episode():
+    with pytest.raises(RecordingError, match='has no complete episode'):
+        episodes_of_recording(table_of(rows()).slice(0, 0))
+
+
+def test_an_observation_and_its_state_are_both_read():
+    rng, states = np.random.default_rng(3), rows()['observation.state']
+    more, actions = rng.normal(size=(14, 1)), rng.normal(size=14)
+    columns = rows(observation=more, **{'action.state': actions})
+    found = episodes_of_recording(table_of(columns))
+    read = np.vstack([episode.states for episode in found.episodes])
+    expected = {'state_0': more[:, 0], 'state[1]': states[:, 1]}
+    for name, values in expected.items():
+        np.testing.assert_array_equal(read[:, found.channel_names.index(name)], values)
+    assert set(found.action_names) == {'action_0', 'action_1', 'action_state'}
 
 
 def test_a_folder_of_lerobot_needs_no_robot_file(tmp_path):

@@ -240,6 +240,21 @@ def test_rows_in_any_order_are_sorted_by_their_time(tmp_path):
         ({'x': [1.0]}, 'has no column timestamp (seconds or dates), timestamp_ns or '
          'header.stamp.sec, for the time of a row'),
         ({'timestamp': [0.0, None], 'x': [1.0, 2.0]}, 'has no time in row 1'),
+        ({'timestamp_ns': [5, None], 'x': [1.0, 2.0]}, 'has no time in row 1'),
+        ({'header.stamp.sec': [None, 5], 'header.stamp.nanosec': [1, 2], 'x': [1.0, 2.0]},
+         'has no time in row 0'),
+        *(
+            ({column: [kind(0), kind(time)], 'x': [1.0, 2.0], **more},
+             f'{column} is {kind(time)} in row 1; expected at most {most}: timestamp is in '
+             'seconds, timestamp_ns in nanoseconds')
+            for kind in (int, float)
+            for column, time, most, more in (
+                ('timestamp', 1_790_000_000_000_000, '9e+09', {}),
+                ('timestamp', 1_790_000_000_000_000_000, '9e+09', {}),
+                ('timestamp_ns', 2**63 - 2**20, '9e+18', {}),
+                ('header.stamp.sec', 10**18, '9e+09', {'header.stamp.nanosec': [0, 0]}),
+            )
+        ),
         ({'timestamp': ['soon'], 'x': [1.0]}, 'the times are object; expected numbers or dates'),
         ({'timestamp': [0.0], 'x': [1.0], 'x.y': [1.0]}, "has a column 'x.y' and another one "
          'that begins with it'),
