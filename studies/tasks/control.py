@@ -194,6 +194,19 @@ def _nothing(rng, state, action):
     return rng.normal(), rng.normal(size=6)
 
 
+def _stakes_world(high: float) -> ControlWorld:
+    return ControlWorld(
+        _new_stake,
+        partial(_stakes, high=high),
+        _coin,
+        lambda seen: int(seen[1]),
+        ('level', 'bet', 'key', *_names('noise_', 4)),
+        12,
+        100,
+        {'decision': ('level', 'bet', 'key'), 'action': ('bet',)},
+    )
+
+
 CONTROL_WORLDS = {
     'match': ControlWorld(
         _new_piece,
@@ -215,26 +228,8 @@ CONTROL_WORLDS = {
         100,
         dict.fromkeys(('return', 'decision', 'action'), ('k1', 'k2', 'k3')),
     ),
-    'stakes': ControlWorld(
-        _new_stake,
-        partial(_stakes, high=3.0),
-        _coin,
-        lambda seen: int(seen[1]),
-        ('level', 'bet', 'key', *_names('noise_', 4)),
-        12,
-        100,
-        {'decision': ('level', 'bet', 'key'), 'action': ('bet',)},
-    ),
-    'high_stakes': ControlWorld(
-        _new_stake,
-        partial(_stakes, high=9.0),
-        _coin,
-        lambda seen: int(seen[1]),
-        ('level', 'bet', 'key', *_names('noise_', 4)),
-        12,
-        100,
-        {'decision': ('level', 'bet', 'key'), 'action': ('bet',)},
-    ),
+    'stakes': _stakes_world(high=3.0),
+    'high_stakes': _stakes_world(high=9.0),
     'mixed': ControlWorld(
         _begin_mixed,
         _mixed,

@@ -80,9 +80,10 @@ class NewestValues:
 
     def has(self, channels: Collection[str], time: int) -> bool:
         """Tell whether these channels, selected or not, have messages that are still valid."""
+        time, received = self._never_back(time), self._received
         return all(
-            time - self._received.get(source.path.topic, (-math.inf, None))[0]
-            <= source.max_age * SECOND
+            source.path.topic in received
+            and time - received[source.path.topic][0] <= source.max_age * SECOND
             for source in self._robot.sources
             if source.role == CHANNEL and not set(channels).isdisjoint(source.names)
         )

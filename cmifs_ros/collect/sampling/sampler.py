@@ -258,7 +258,8 @@ class Sampler:
         if self._is_learned:
             steps = self._transition(left, action.values, reached, reward, has_ended)
         if has_ended:
-            self.saving.end_episode(self._is_learned and not self._lacking)
+            is_whole = self._is_learned and not self._lacking and self._tail is None
+            self.saving.end_episode(is_whole)
             self.away |= dict.fromkeys(self.saving.off, math.inf)
             self._episode += 1
             self._before = values | _OWN

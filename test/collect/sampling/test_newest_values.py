@@ -61,6 +61,9 @@ def test_it_knows_whether_channels_have_messages_that_are_still_valid(newest):
     assert newest.has(['pair[1]'], 2 * SECOND)
     assert not newest.has(['a', 'pair[1]'], 2 * SECOND)  # a is older than its max_age of 1 s.
     assert not newest.has(['mode.0'], 0)
+    assert not newest.has(['map'], 0)  # It never expires, but has not spoken.
+    take(newest, map=1.0)
+    assert newest.has(['map'], 500 * SECOND)
 
 
 def test_a_full_layout_has_nan_for_what_is_not_selected(newest):
@@ -109,6 +112,10 @@ def test_where_the_clock_is_set_back_what_was_received_before_counts_from_then_o
     assert state(newest, 4.5) == pytest.approx([nan, 4], nan_ok=True)
     take(newest, 4.6, a=2.0)
     assert state(newest, 4.6) == [2, 4]
+    assert newest.has(['a'], int(5.6 * SECOND))
+    assert not newest.has(['a'], int(5.7 * SECOND))
+    assert newest.has(['map'], 2 * SECOND)  # Set back again; a stays as old as it was.
+    assert not newest.has(['a'], 2 * SECOND)
 
 
 def test_a_summary_is_of_what_came_since_the_newest_state():

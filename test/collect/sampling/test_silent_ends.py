@@ -7,6 +7,7 @@ from math import nan
 from types import SimpleNamespace as Message
 
 import pytest
+from selections import selection, sensor
 
 from cmifs_ros.collect.episodes.builder import EpisodeBuilder
 from cmifs_ros.collect.robot_file.reader import parse_robot_file
@@ -45,6 +46,21 @@ def run(num_silent, *, silent=('range',), ends='hit', back=0, cost=0.5, more='')
             steps += sampler.add(f'/{topic}', message, i * SECOND // 10)
     steps += sampler.flush()
     return [e for step in steps for e in builder.add(step.state, step.sample, step.stamp)], sampler
+
+
+@pytest.mark.parametrize(('num_silent', 'num_whole'), [(1, 3), (4, 2)])
+def test_before_topics_are_switched_off_a_shortened_episode_does_not_count_as_complete(
+    num_silent, num_whole
+):
+    _, sampler = run(num_silent, more='}\nsaving: {after: 1, explore_every: 9, explore_episodes: 9')
+    sampler.saving.select(
+        selection(
+            sensor('slope', is_selected=True, pvalue=0.01, status='confirmed'),
+            *(sensor(name, pvalue=0.9, status='dispensable') for name in ('near', 'far')),
+            number=1,
+        )
+    )
+    assert sampler.saving.in_words() == (f'all topics are on: {num_whole} of 9 complete episodes')
 
 
 WHOLE = [0.5] * (LENGTH - 2) + [-9.5]
