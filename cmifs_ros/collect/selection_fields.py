@@ -162,6 +162,7 @@ def _effect_of(fields: dict[str, Any]) -> Effect:
 def _text(value) -> str:
     if not isinstance(value, str) or len(value) > _MAX_TEXT:
         raise ValueError(f'{value!r:.40} instead of a text of at most {_MAX_TEXT} characters')
+    value.encode()  # UnicodeEncodeError, a ValueError: messages and logs have no surrogates.
     return value
 
 
@@ -189,6 +190,7 @@ def names_of(value, most: int) -> tuple[str, ...]:
     names = tuple(list_of(value))
     if not all(isinstance(name, str) and 0 < len(name) <= MAX_NAME_LENGTH for name in names):
         raise ValueError(f'a name that is not a text of 1 to {MAX_NAME_LENGTH} characters')
+    ''.join(names).encode()  # As in `_text`.
     if len(names) > most or len(set(names)) < len(names):
         raise ValueError(f'{len(names)} names; expected at most {most}, all distinct')
     return names

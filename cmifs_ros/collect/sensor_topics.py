@@ -73,6 +73,7 @@ def sensor_topics_of(fields: dict[str, Any]) -> SensorTopics:
 def _name(value) -> str:
     if not isinstance(value, str) or not 0 < len(value) <= MAX_NAME_LENGTH:
         raise ValueError(f'{value!r:.40} instead of a name of 1 to {MAX_NAME_LENGTH} characters')
+    value.encode()  # UnicodeEncodeError, a ValueError: messages and logs have no surrogates.
     return value
 
 
@@ -81,7 +82,10 @@ def _short(number: float) -> float:
 
 
 def _rate(value) -> float:
-    rate = float(value)
+    try:
+        rate = float(value)
+    except OverflowError:  # An integer of hundreds of digits.
+        rate = math.inf
     if not 0 <= rate < math.inf:
-        raise ValueError(f'a rate of {rate}; expected 0 or more')
+        raise ValueError(f'a rate of {rate}; expected a finite number of 0 or more')
     return rate

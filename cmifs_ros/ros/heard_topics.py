@@ -30,9 +30,10 @@ class HeardTopics:
         node.create_subscription(String, 'channel_topics', self._take, LATCHED_QOS)
 
     def of(self, selection: Selection) -> SensorTopics | None:
-        """Return the newest topics if they are those of the selection's channels."""
+        """Return the newest topics if they include those of the selection's channels."""
+        # A selection of a fixed number has only the ranked channels.
         channels = {channel for sensor in selection.sensors for channel in sensor.channels}
-        is_of_it = self._newest is not None and self._newest.topics.keys() == channels
+        is_of_it = self._newest is not None and channels <= self._newest.topics.keys()
         return self._newest if is_of_it else None
 
     def _take(self, message: String) -> None:

@@ -200,7 +200,7 @@ class SamplerNode(Node):
             if subscription.clashes and not subscription.publishers:
                 kinds = sorted(subscription.clashes)
                 problem = self._robot.type_problem(topic, kinds)
-                problems[topic] = problem or f'it is now published as {listed(kinds)} now'
+                problems[topic] = problem or f'it is now published as {listed(kinds)}'
                 if problem and topic not in self._refused:
                     self._refused.add(topic)
                     self.get_logger().error(problem)

@@ -18,6 +18,8 @@ from cmifs_ros.collect.episodes.filter import LAYOUTS, layout_of
 from cmifs_ros.collect.robot_file.model import RobotFile
 from cmifs_ros.collect.sampling.message_reader import event_time
 from cmifs_ros.collect.sampling.newest_values import NewestValues
+from cmifs_ros.collect.selection_fields import count_of, names_of
+from cmifs_ros.core.channel_names import MAX_CHANNELS
 from cmifs_ros.core.words import first, listed
 
 from . import conversions, diagnostics
@@ -173,9 +175,9 @@ class SelectedState:
     def _on_selection(self, message: String) -> None:
         try:
             found = json.loads(message.data)
-            number, names = found['number'], list(found['names'])
+            number, names = count_of(found['number']), names_of(found['names'], MAX_CHANNELS)
             unknown = [name for name in names if name not in self._robot.channel_names]
-        except (ValueError, TypeError, KeyError) as error:
+        except (ValueError, TypeError, KeyError, RecursionError) as error:
             self._node.get_logger().warning(f'cannot read a selection: {error}')
             return
         if unknown:

@@ -309,7 +309,7 @@ class SelectorNode(Node):
             )
 
     def _report(self) -> None:
-        self._output.publish_doubt(self._attempt[1])
+        self._output.update(self._attempt[1])
         statuses = [self._input.report(), self._selection_status()]
         if self._storage is not None:
             statuses.append(self._storage.report(self._status_name('storage')))

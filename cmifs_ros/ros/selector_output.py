@@ -50,6 +50,7 @@ class SelectorOutput:
         self.relay = StateRelay(node, settings)
         self._topics = HeardTopics(node)
         self.in_use: SelectionInUse | None = None
+        self._is_of_topics = False  # Whether the published advice is about topics.
         self._last_number = 0
 
     def use(self, selection: Selection, channel_names: tuple[str, ...], cause: str) -> Selection:
@@ -93,8 +94,8 @@ class SelectorOutput:
         """Apply changed parameters."""
         self.relay.use(self.in_use)
 
-    def publish_doubt(self, problem: str) -> None:
-        """Publish the selection again if there is a new reason to doubt it, or none any longer.
+    def update(self, problem: str) -> None:
+        """Publish the selection again if its doubt, or whether its topics are known, has changed.
 
         Parameters
         ----------
@@ -105,8 +106,11 @@ class SelectorOutput:
         if self.in_use is None:
             return
         doubt = self.in_use.doubt(problem)
-        if doubt != self.in_use.selection.doubt:
-            self.in_use.selection = dataclasses.replace(self.in_use.selection, doubt=doubt)
+        selection = dataclasses.replace(self.in_use.selection, doubt=doubt)
+        # A restored selection was published before any topics could be heard.
+        is_of_topics = self._topics.of(selection) is not None
+        if doubt != self.in_use.selection.doubt or is_of_topics != self._is_of_topics:
+            self.in_use.selection = selection
             self._publish_selection()
 
     def relay_state(self, header: Header, names: list[str], values: array) -> None:
@@ -133,5 +137,6 @@ class SelectorOutput:
         )
 
     def _publish_selection(self) -> None:
+        self._is_of_topics = self._topics.of(self.in_use.selection) is not None
         fields = self.fields(self.in_use.selection)
         self._selection_publisher.publish(String(data=json.dumps(fields)))

@@ -36,7 +36,8 @@ def test_the_advice_of_a_selection_is_then_of_topics():
         [], None, {'rates': None}, {'channels': ['x']}, {'channels': {'x': ''}},
         {'channels': {'x': 5}}, {'rates': {'/a': {'messages_per_s': -1, 'bytes_per_s': 0}}},
         {'rates': {'/a': {'messages_per_s': 'inf', 'bytes_per_s': 0}}}, {'rates': {'/a': 3}},
-        {'needed': 'y' * 5000}, {'needed': 3},
+        {'rates': {'/a': {'messages_per_s': 10**400, 'bytes_per_s': 0}}},
+        {'needed': 'y' * 5000}, {'needed': 3}, {'needed': ['/\ud800']},
     ],
 )  # fmt: skip
 def test_what_is_something_else_is_refused(bad):

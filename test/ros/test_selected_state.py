@@ -22,6 +22,12 @@ reward: never
 episode: {steps: 10}
 """
 SELECTED = 'sampler: selected_state'
+UNUSABLE = [
+    '[' * 100_000,
+    '{"number": 1, "names": [1]}',
+    '{"number": [], "names": ["a"]}',
+    r'{"number": 1, "names": ["\ud800"]}',  # It cannot be printed.
+]
 OK, WARN = b'\x00', b'\x01'
 
 
@@ -54,14 +60,16 @@ def robot_file(tmp_path):
 
 
 @pytest.fixture
-def select(robot):
-    """Publish a selection, as the selector does."""
+def say(robot):
+    """Publish a text as a selection."""
     publisher = robot.node.create_publisher(String, 'selection', LATCHED_QOS)
+    return lambda text: publisher.publish(String(data=text))
 
-    def select_(number, *names):
-        publisher.publish(String(data=json.dumps({'number': number, 'names': names})))
 
-    return select_
+@pytest.fixture
+def select(say):
+    """Publish a selection, as the selector does."""
+    return lambda number, *names: say(json.dumps({'number': number, 'names': names}))
 
 
 def newest(robot):
@@ -78,7 +86,7 @@ def until_newest(robot, names, values, number):
     )
 
 
-def test_it_needs_the_selected_channels_only_and_no_episode(start, robot, robot_file, select):
+def test_it_needs_the_selected_channels_only_and_no_episode(start, robot, robot_file, select, say):
     sampler = start('sampler_node', robot_file=robot_file)
     topics = Topics(robot, a=1.0, b=2.0, c=3.0, step=0.0)
     until_newest(robot, CHANNELS, [1, 2, 3], None)
@@ -104,6 +112,9 @@ def test_it_needs_the_selected_channels_only_and_no_episode(start, robot, robot_
     robot.until(lambda: robot.diagnostics[SELECTED][0] == OK)
     assert sampler.output.count('selected_state has all selected channels again') == 1
 
+    for count, text in enumerate(UNUSABLE, start=1):
+        say(text)
+        robot.until(lambda n=count: sampler.output.count('cannot read a selection') == n)
     select(8, 'z')
     robot.until(lambda: "the robot file has no channel 'z'" in sampler.output)
     select(9, 'b')

@@ -10,13 +10,16 @@ import signal
 import numpy as np
 import pytest
 from sensor_msgs.msg import JointState
+from std_msgs.msg import String
 
 from cmifs_ros.collect.episodes import file as episode_file
 from cmifs_ros.collect.episodes.file_format import Saved
 from cmifs_ros.collect.episodes.file_reader import read_episodes
 from cmifs_ros.collect.episodes.pairing import RewardSample
+from cmifs_ros.collect.sensor_topics import SensorTopics, topic_fields
 from cmifs_ros.core import Episode
 from cmifs_ros.ros import conversions
+from cmifs_ros.ros.qos import LATCHED_QOS
 
 NAMES = ('a', 'b', 'c')
 STORAGE = 'selector: storage'
@@ -90,6 +93,14 @@ def test_a_killed_selector_comes_back_with_its_episodes_and_its_selection(start_
     _, message, values = robot.diagnostics['selector: selection']
     assert (message, values['episodes used']) == ('selected c', '24')
     assert 0 <= int(values['age in s']) < 60
+    # Its advice is about topics once a sampler names them; it may have other channels, too.
+    assert 'c' in json.loads(robot.latched('selection', String).data)['advice']['keep']
+    sampler = robot.node.create_publisher(String, 'channel_topics', LATCHED_QOS)
+    found = SensorTopics({name: f'/{name}' for name in (*NAMES, 'd')}, {}, ())
+    sampler.publish(String(data=json.dumps(topic_fields(found))))
+    robot.until(
+        lambda: '/c' in json.loads(robot.latched('selection', String).data)['advice']['keep']
+    )
     assert values['cause'] == 'restored from the file'
     robot.publish_state(stamp, NAMES, [1.0, 2.0, 3.0])
     robot.until(lambda: robot.selected)
