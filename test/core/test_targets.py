@@ -2,6 +2,7 @@
 
 """What is selected for each target: the action given, what a decision needs, what is looked at."""
 
+import re
 import warnings
 
 import numpy as np
@@ -52,10 +53,9 @@ def test_of_several_actions_the_one_that_follows_from_the_sensors_is_named():
     drive = states[..., 0] + 0.1 * rng.normal(size=(40, 10))
     actions = np.stack([drive, rng.normal(size=(40, 10)), rng.normal(size=(40, 10))], axis=2)
     episodes = [Episode(s, r, a) for s, r, a in zip(states, drive, actions, strict=True)]
-    with pytest.warns(
-        UserWarning, match=r'follows from the sensors \(drive: 9\d% of its variance\)'
-    ):
-        ConditionalMISelector().fit(episodes, action_names=['drive', 'turn', 'lift'])
+    with pytest.warns(UserWarning, match='follows from the sensors'):
+        selector = ConditionalMISelector().fit(episodes, action_names=['drive', 'turn', 'lift'])
+    assert re.search(r'sensors \(drive: 9\d% of its variance\)', ' '.join(selector.warnings_))
 
 
 def test_why_says_for_what_a_sensor_is_needed():
