@@ -212,6 +212,13 @@ def test_the_examples_of_the_recordings_page_run_and_confirm_what_it_says(tmp_pa
         assert row.search(printed)
     (text,) = re.findall(r'```yaml\n(.*?)```', page, re.S)
     assert parse_robot_file(text).channel_names == ('slip', 'battery')
+    table, robot = tmp_path / 'drive.csv', tmp_path / 'drive.yaml'
+    robot.write_text(text)
+    assert main([str(table), '--robot', str(robot), '--out', str(tmp_path)]) == 0
+    printed = capsys.readouterr().out
+    assert 'drive.csv: 1500 messages, 57 complete episodes\n' in page
+    assert 'drive.csv: 1500 messages, 57 complete episodes\n' in printed
+    assert re.search(r'^ +\d +slip .* confirmed ', printed, re.M)
 
 
 def test_the_robot_file_of_the_readme_is_one():
