@@ -41,7 +41,7 @@ class SensorResult:
     is_constant : bool
         Whether none of its channels ever changed, so that it was not tested.
     null_band : (float, float, float) or None
-        The score of an uninformative sensor at the same place: 5 %, median, 95 %.
+        The score of an uninformative sensor at the same rank: 5 %, median, 95 %.
     pvalue : float or None
         p-value of the hypothesis that the sensor is uninformative given the other selected ones,
         corrected for the number of sensors.

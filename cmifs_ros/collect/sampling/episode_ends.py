@@ -79,7 +79,7 @@ class EpisodeEnds:
         return of_goal[0] if of_goal else self._kind
 
     def follow(self, end: str, is_so: bool) -> None:
-        """Note the value of an end's field; a field that is never 0 announces moments."""
+        """Note the value of an end's field; a field that has never been 0 announces moments."""
         self._events[end] |= is_so
         self.looks[self._conditions[end]][is_so] += 1
         if not is_so:
