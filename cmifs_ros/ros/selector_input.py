@@ -21,8 +21,9 @@ from cmifs_ros.collect.episodes.buffer import EpisodeBuffer
 from cmifs_ros.collect.episodes.input_watch import InputWatch, Topic
 from cmifs_ros.collect.episodes.pairing import EpisodeAssembler, RewardSample
 from cmifs_ros.collect.episodes.reward_reader import RewardReader
-from cmifs_ros.collect.selection_fields import list_of
+from cmifs_ros.collect.selection_fields import names_of
 from cmifs_ros.core import Episode
+from cmifs_ros.core.channel_names import MAX_CHANNELS
 from cmifs_ros.core.words import counted
 
 from . import conversions, diagnostics
@@ -83,7 +84,7 @@ class SelectorInput:
         self._num_foreign = 0
         self._counted_at, self._counted = -math.inf, 0
         self._last_at = dict.fromkeys(('state', 'reward', 'action'), -math.inf)
-        self._switched_off: list[str] = []  # Topics, by the sampler.
+        self._switched_off: tuple[str, ...] = ()  # Topics, by the sampler.
         node.create_subscription(String, 'switched_off', self._take_switched_off, LATCHED_QOS)
         self.assembler.actions.are_published = self._has_actor
         self.apply()
@@ -194,7 +195,7 @@ class SelectorInput:
 
     def _take_switched_off(self, msg: String) -> None:
         try:
-            self._switched_off = [str(topic) for topic in list_of(json.loads(msg.data))]
+            self._switched_off = names_of(json.loads(msg.data), MAX_CHANNELS)
         except (ValueError, TypeError, RecursionError) as error:
             self._node.get_logger().warning(f'switched_off cannot be read: {error}')
 

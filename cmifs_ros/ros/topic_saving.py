@@ -46,7 +46,7 @@ class TopicSaving:
             if self._told is not None:
                 self._node.get_logger().info(self._saving.in_words())
             self._told = off
-            names = sorted(map(self._node.resolve_topic_name, off))
+            names = sorted(set(map(self._node.resolve_topic_name, off)))
             self._publisher.publish(String(data=json.dumps(names)))
 
     def status(self) -> DiagnosticStatus:

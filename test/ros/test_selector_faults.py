@@ -361,6 +361,18 @@ def test_data_that_have_changed_since_the_selection_turn_it_to_warn(selector, ro
     robot.until(lambda: robot.diagnostics[SELECTION][0] == OK)
 
 
+def test_texts_of_a_sampler_that_cannot_be_read_are_told(selector, robot):
+    rate = f'{{"messages_per_s": 1{"0" * 400}, "bytes_per_s": 1}}'
+    texts = {
+        'channel_topics': f'{{"channels": {{}}, "needed": [], "rates": {{"/a": {rate}}}}}',
+        'switched_off': r'["\ud800"]',  # It cannot be printed.
+    }
+    for topic, text in texts.items():
+        robot.node.create_publisher(String, topic, LATCHED_QOS).publish(String(data=text))
+        robot.until(lambda topic=topic: f'{topic} cannot be read' in selector.output)
+    assert robot.call(robot.clear_client).success
+
+
 def test_random_messages_leave_the_node_as_it_was(selector, robot):
     rng = np.random.default_rng(0)
     for _ in range(1500):
