@@ -121,7 +121,7 @@ def prediction(selection: Selection) -> str:
         return f'all sensors are selected, and predict {of_selected:.0%} {variance}'
     selected = f'the {num_selected} selected of {counted(count, "sensor")}'
     together = f'all together, {of_all:.0%}'
-    if of_all < of_selected:
+    if round(of_all, 2) < round(of_selected, 2):
         together += ' (the others make it harder to learn)'
     return f'{selected} {verb} {of_selected:.0%} {variance}; {together}'
 
