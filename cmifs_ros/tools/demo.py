@@ -46,7 +46,7 @@ _LINE_WIDTH = 68
 NEXT = """\
 next, your own robot, with the topics it already publishes (docs/robot_file.md):
   ros2 bag record -a --include-hidden-topics -o my_bag
-  ros2 run cmifs_ros make_robot_file --bag my_bag --out my_robot.yaml
+  ros2 run cmifs_ros make_robot_file my_bag --out my_robot.yaml
   (define the reward in my_robot.yaml)
   ros2 run cmifs_ros select_from_bag my_bag --robot my_robot.yaml --report page
   ros2 launch cmifs_ros robot.launch.xml robot_file:=my_robot.yaml"""

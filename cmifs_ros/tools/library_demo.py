@@ -17,7 +17,7 @@ from .program import exit_code
 NEXT = """\
 next, your own robot, from a bag (docs/robot_file.md) or another recording
 (docs/recordings.md):
-  cmifs robot-file --bag my_bag --out my_robot.yaml
+  cmifs robot-file my_bag --out my_robot.yaml
   (define the reward in my_robot.yaml)
   cmifs select my_bag --robot my_robot.yaml --report page"""
 
