@@ -19,6 +19,20 @@ values:
 reward: pay
 episode: {steps: 5}
 """
+#: The same with channels of each kind.
+ROBOT_OF_ALL = """
+step: {topic: /pose}
+channels:
+  x: /pose.pose.position.x
+  yaw: {path: /pose.pose.orientation, as: yaw}
+  noise: {path: /noise.data}
+  ray: "/scan.ranges[0:20:10]"
+  arm: "/arm.velocity{knee,hip}"
+values:
+  pay: /pay.data
+reward: pay
+episode: {steps: 5}
+"""
 
 
 def write_bag(path, num_steps=151, storage='mcap', compression=None, seed=0):

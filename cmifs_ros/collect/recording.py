@@ -23,7 +23,8 @@ from .tables.observed import observed
 from .tables.table import Table
 from .traffic import Traffic
 
-_BAGS = ('.mcap', '.db3', '.bag')
+#: The files of bags, and what makes a folder of them one bag.
+_BAGS, _METADATA = ('.mcap', '.db3', '.bag'), 'metadata.yaml'
 _EXPECTED = (
     'expected a bag (a folder with its metadata.yaml, .mcap, .db3 or .bag), .parquet, .csv, .h5, '
     ".hdf5, LeRobot's folder, or with a robot file .ulg or a folder of tables"
@@ -37,20 +38,16 @@ def recordings_in(path: Path, robot: RobotFile | None = None) -> list[Path]:
     """
     if not path.is_dir() or _is_bag(path) or (path / lerobot.INFO).exists():
         return [path]
-    files = list(path.rglob('*'))
-    found = {file.parent for file in files if _is_of_bag(file)}
+    files = [file for file in path.rglob('*') if file.is_file()]
+    found = {file.parent for file in files if file.name == _METADATA}
     found |= {file.parents[1] for file in path.rglob(str(lerobot.INFO))}
-    suffixes = hdf5.SUFFIXES + ulog.SUFFIXES + (arrow.SUFFIXES if robot is None else ())
+    suffixes = _BAGS + hdf5.SUFFIXES + ulog.SUFFIXES + (arrow.SUFFIXES if robot is None else ())
     found |= {f for f in files if f.suffix in suffixes and found.isdisjoint(f.parents)}
     return sorted(found, key=lambda one: hdf5.natural(str(one))) or [path]
 
 
-def _is_of_bag(file: Path) -> bool:
-    return file.name == 'metadata.yaml' or file.suffix in _BAGS
-
-
 def _is_bag(path: Path) -> bool:
-    return any(map(_is_of_bag, path.iterdir() if path.is_dir() else (path,)))
+    return (path / _METADATA).exists() if path.is_dir() else path.suffix in _BAGS
 
 
 def episodes_of_recording(
@@ -160,10 +157,11 @@ def _tables_in(path: Path) -> Iterator[Mapping[str, Callable[[], Table]]]:
     files, above = arrow.files_in(path), path if path.is_dir() else path.parent
     if not files:
         raise RecordingError(f'{path} is not a recording; {_EXPECTED}')
-    yield {
-        f'/{file.relative_to(above).with_suffix("").as_posix()}': partial(_read, file)
-        for file in files
-    }
+    yield _by_topic(
+        path,
+        ((file.relative_to(above).with_suffix('').as_posix(), file, partial(_read, file))
+         for file in files),
+    )  # fmt: skip
 
 
 def _read(file: Path) -> Table:
@@ -172,10 +170,28 @@ def _read(file: Path) -> Table:
 
 def _tables_of(source) -> dict[str, Callable[[], Table]]:
     named = source if isinstance(source, Mapping) else {'frame': source}
-    return {
-        f'/{name.removeprefix("/")}': partial(arrow.messages_of, name, arrow.table_of(frame))
-        for name, frame in named.items()
-    }
+    return _by_topic(
+        'the data frames',
+        ((name.removeprefix('/'), name, partial(arrow.messages_of, name, arrow.table_of(frame)))
+         for name, frame in named.items()),
+    )  # fmt: skip
+
+
+def _by_topic(
+    path, tables: Iterable[tuple[str, object, Callable[[], Table]]]
+) -> dict[str, Callable[[], Table]]:
+    """Return tables by topic, from names without the first slash, sources and tables."""
+    found: dict[str, Callable[[], Table]] = {}
+    sources: dict[str, object] = {}
+    for name, source, table in tables:
+        topic = f'/{name}'
+        if topic in found:
+            raise RecordingError(
+                f'{path}: {sources[topic]} and {source} are both the topic {topic}; expected one '
+                'of them: rename or remove the other'
+            )
+        found[topic], sources[topic] = table, source
+    return found
 
 
 def _sampled(

@@ -25,7 +25,7 @@ from .traffic import Traffic
 MAX_EPISODE_STEPS = 1000
 
 #: Causes by which the builder drops an episode because the sampler lacks a step.
-_LACKING = {'step_gap', 'joined_midway', 'lost_end'}
+_LACKING = ('step_gap', 'joined_midway', 'lost_end')
 
 
 class Collector(ABC):
@@ -153,10 +153,11 @@ class SampledEpisodes(Collector):
         """Number of dropped episodes by cause, without those that the sampler explains."""
         left = self._sampler.ends.total_lost
         broken = dict(self.builder.dropped)
-        for cause in _LACKING & broken.keys():
-            named = min(left, broken[cause])
-            broken[cause] -= named
-            left -= named
+        for cause in _LACKING:
+            named = min(left, broken.get(cause, 0))
+            if named:
+                broken[cause] -= named
+                left -= named
         return broken
 
     def topics_among(self, topics: Mapping[str, Collection[str]], path) -> dict[str, str]:

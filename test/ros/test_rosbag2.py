@@ -10,7 +10,7 @@ import pytest
 
 pytest.importorskip('rclpy', reason='ROS 2 is not here')
 pytest.importorskip('rosbags', reason='rosbags is not here')
-from bags import STORE, write_bag
+from bags import ROBOT_OF_ALL, STORE, write_bag
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import get_types_from_msg
 
@@ -21,19 +21,6 @@ from cmifs_ros.collect.sampling.bag_reader import messages_of, open_bag, opened,
 from cmifs_ros.ros import rosbag2
 from cmifs_ros.tools.bags import bag_opener
 
-ROBOT = """
-step: {topic: /pose}
-channels:
-  x: /pose.pose.position.x
-  yaw: {path: /pose.pose.orientation, as: yaw}
-  noise: {path: /noise.data}
-  ray: "/scan.ranges[0:20:10]"
-  arm: "/arm.velocity{knee,hip}"
-values:
-  pay: /pay.data
-reward: pay
-episode: {steps: 5}
-"""
 #: The installed types with the files as rosbags' package reads them; and all by rosbag2_py.
 OPENERS = {
     'installed types': partial(opened, storages=storages_of, types=rosbag2.InstalledTypes),
@@ -61,7 +48,7 @@ def content_of(recorded):
 def test_the_episodes_are_those_of_rosbags(tmp_path, opener, storage, compression):
     path = tmp_path / 'bag'
     write_bag(path, storage=storage, compression=compression)
-    robot = parse_robot_file(ROBOT)
+    robot = parse_robot_file(ROBOT_OF_ALL)
     found = episodes_of_bag(path, robot, open_bag=opener)
     assert len(found.episodes) == 25
     assert content_of(found) == content_of(episodes_of_bag(path, robot))

@@ -223,8 +223,6 @@ def spoilt(path, how):
     if how == 'truncated':
         file = file_of(path)
         file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
-    if how == 'without metadata':
-        (path / 'metadata.yaml').unlink()
     return path
 
 
@@ -234,7 +232,6 @@ def spoilt(path, how):
         ('missing', 'does not exist'),
         ('foreign', 'cannot be read as a bag'),
         ('truncated', 'repair a truncated bag with `mcap recover` (MCAP)'),
-        ('without metadata', 'or `ros2 bag reindex`'),
         ('short', '1 complete episode; expected at least 20'),
     ],
 )

@@ -112,10 +112,12 @@ def _what(path: FieldPath, kind: str, fields_of: FieldsOf) -> str:
             continue
         above = here
         if what.endswith('[]') or '/' not in what:
-            expected = 'an entry of it, such as {name} or [0]' if what.endswith('[]') else 'its end'
-            raise _WrongPathError(
-                f'{above} is {_described(what, fields_of)}; expected {expected} before .{field}'
+            remedy = (
+                f'; expected an entry of it, such as {{name}} or [0], before .{field}'
+                if what.endswith('[]')
+                else f', which has no field {field!r}; remove .{field}'
             )
+            raise _WrongPathError(f'{above} is {_described(what, fields_of)}{remedy}')
         fields = {field.name: field.what for field in fields_of(what)}
         if field not in fields:
             raise _WrongPathError(

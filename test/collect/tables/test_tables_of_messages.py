@@ -24,20 +24,6 @@ from cmifs_ros.collect.recording import (
 from cmifs_ros.collect.robot_file.reader import parse_robot_file
 from cmifs_ros.collect.sampling.bag_reader import messages_of
 
-ROBOT = """
-step: {topic: /pose}
-channels:
-  x: /pose.pose.position.x
-  yaw: {path: /pose.pose.orientation, as: yaw}
-  noise: {path: /noise.data}
-  ray: "/scan.ranges[0:20:10]"
-  arm: "/arm.velocity{knee,hip}"
-values:
-  pay: /pay.data
-reward: pay
-episode: {steps: 5}
-"""
-
 
 def content_of(recorded):
     parts = [
@@ -61,16 +47,16 @@ def flat(message, start=''):
 
 @pytest.fixture
 def bag(tmp_path):
-    """Return a bag's path and the rows of its topics."""
+    """Return a bag's path, the rows of its topics, and a robot file for it."""
     pytest.importorskip('rosbags', reason='rosbags is not here')
-    from bags import write_bag
+    from bags import ROBOT_OF_ALL, write_bag
 
     write_bag(tmp_path / 'bag')
     rows = {}
     with open_bag(tmp_path / 'bag') as reader:
         for topic, message, recorded in messages_of(reader, 'bag', reader.topics):
             rows.setdefault(topic[1:], []).append({'timestamp_ns': recorded, **flat(message)})
-    return tmp_path / 'bag', rows
+    return tmp_path / 'bag', rows, ROBOT_OF_ALL
 
 
 def write_parquet(folder, rows):
@@ -90,9 +76,9 @@ def write_hdf5(path, rows):
 
 
 def test_a_bag_and_its_parquet_files_have_the_same_episodes(bag, tmp_path):
-    path, rows = bag
+    path, rows, text = bag
     write_parquet(tmp_path / 'run', rows)
-    robot = parse_robot_file(ROBOT)
+    robot = parse_robot_file(text)
     found = episodes_of_recording(tmp_path / 'run', robot)
     assert content_of(found) == content_of(episodes_of_bag(path, robot))
     assert len(found.episodes) == 25
@@ -103,12 +89,12 @@ def test_a_bag_and_its_parquet_files_have_the_same_episodes(bag, tmp_path):
 
 
 def test_a_bag_and_its_csv_files_have_the_same_episodes(bag, tmp_path):
-    path, rows = bag
+    path, rows, text = bag
     (tmp_path / 'run').mkdir()
     for topic in ('pose', 'noise', 'pay'):
         table = pa.Table.from_pylist(rows[topic])
         csv.write_csv(table, tmp_path / 'run' / f'{topic}.csv')
-    lines = [line for line in ROBOT.splitlines() if 'ray:' not in line and 'arm:' not in line]
+    lines = [line for line in text.splitlines() if 'ray:' not in line and 'arm:' not in line]
     robot = parse_robot_file('\n'.join(lines))
     found = episodes_of_recording(tmp_path / 'run', robot)
     assert content_of(found) == content_of(episodes_of_bag(path, robot))
@@ -116,9 +102,9 @@ def test_a_bag_and_its_csv_files_have_the_same_episodes(bag, tmp_path):
 
 def test_a_bag_and_its_hdf5_file_have_the_same_episodes(bag, tmp_path):
     pytest.importorskip('h5py', reason='h5py is not here')
-    path, rows = bag
+    path, rows, text = bag
     write_hdf5(tmp_path / 'run.hdf5', rows)
-    robot = parse_robot_file(ROBOT)
+    robot = parse_robot_file(text)
     found = episodes_of_recording(tmp_path / 'run.hdf5', robot)
     assert content_of(found) == content_of(episodes_of_bag(path, robot))
 
@@ -131,7 +117,7 @@ def channels_of(text):
 
 @pytest.mark.parametrize('kind', ['parquet', 'hdf5'])
 def test_the_first_robot_file_has_the_channels_of_the_bag(bag, tmp_path, kind):
-    path, rows = bag
+    path, rows, _ = bag
     source = tmp_path / 'run'
     if kind == 'parquet':
         write_parquet(source, rows)
@@ -273,12 +259,41 @@ def test_a_column_that_a_table_lacks_is_named():
     assert "/run has no field 'slow'; expected one of timestamp, y" in said
 
 
+def test_what_the_sampler_explains_is_not_counted_again():
+    robot = parse_robot_file(
+        'step: {topic: /a}\nchannels: {x: /a.x, y: {path: /b.y, max_age: 0.3}}\nreward: x\n'
+        'episode: {terminated: "x == 3"}\n'
+    )
+    rows = np.arange(24)
+    # y is silent in the middle of an episode, and at the beginning of the unfinished last one.
+    heard = rows[((rows < 6) | (rows > 12)) & ((rows < 17) | (rows > 21))]
+    x = np.where(np.isin(rows, [2, 19]), 3.0, 0.0)
+    a = pa.table({'timestamp': rows / 10 + 0.001, 'x': x})
+    b = pa.table({'timestamp': heard / 10, 'y': np.ones(len(heard))})
+    found = episodes_of_recording({'a': a, 'b': b}, robot)
+    of_episodes = {cause: n for cause, n in found.dropped.items() if cause.startswith('episodes')}
+    assert of_episodes == {
+        'episodes that ended by `terminated`: a step lacks y; 1 of 2 are left': 1,
+        'episodes: an episode whose beginning was not seen (joined_midway)': 1,
+    }
+
+
 def test_a_table_that_the_robot_file_names_and_is_not_there_is_named(tmp_path):
     for name in ('one', 'two'):
         table = pa.table({'timestamp': [0.0], 'x': [1.0]})
         parquet.write_table(table, tmp_path / f'{name}.parquet')
     with pytest.raises(RecordingError, match=r'lacks /run of the robot file; it has /one, /two'):
         episodes_of_recording(tmp_path, WIDE)
+
+
+def test_two_tables_that_are_the_same_topic_are_named(tmp_path):
+    table = pa.table({'timestamp': [0.0], 'x': [1.0], 'slow': [1.0]})
+    parquet.write_table(table, tmp_path / 'run.parquet')
+    csv.write_csv(table, tmp_path / 'run.csv')
+    with pytest.raises(RecordingError, match=r'run.csv and .*run.parquet are both the topic /run'):
+        episodes_of_recording(tmp_path, WIDE)
+    with pytest.raises(RecordingError, match=r'run and /run are both the topic /run; expected one'):
+        episodes_of_recording({'run': table, '/run': table}, WIDE)
 
 
 def test_what_is_no_recording_is_one_sentence(tmp_path):
