@@ -27,7 +27,7 @@ BEST_EFFORT = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
 MESSAGES = {
     '/odom': (Odometry(), 10),
     '/scan': (LaserScan(ranges=[1.0] * 360), BEST_EFFORT),
-    '/camera': (Image(data=[1] * 16), BEST_EFFORT),
+    '/camera': (Image(height=4, width=4, encoding='mono8', step=4, data=[1] * 16), BEST_EFFORT),
     '/joint_states': (JointState(name=['hip', 'knee'], position=[1.0, 2.0]), 10),
     '/said': (String(data='hello'), 10),
     '/bumper': (Bool(), 10),
@@ -67,7 +67,7 @@ def test_the_running_robot_gives_what_its_bag_gives(robot, domain, tmp_path):
     assert {source.path.topic for source in made.sources} == {
         '/odom', '/scan', '/joint_states', '/bumper', '/my/radio', '/camera'
     }  # fmt: skip
-    assert 'camera: {path: /camera, as: image}' in text
+    assert 'camera: {path: "/camera", as: image}' in text
     assert '{action: /go}' in text
 
 
