@@ -5,6 +5,7 @@
 import json
 import os
 import signal
+from itertools import cycle
 
 import numpy as np
 import pytest
@@ -177,7 +178,7 @@ def test_publishers_at_best_effort_are_received(selector, robot, make_robot):
     lossy = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)
     robot.node.destroy_publisher(robot.state_publisher)
     robot.state_publisher = robot.node.create_publisher(JointState, 'state', lossy)
-    episodes = iter(normal_episodes(1000))
+    episodes = cycle(normal_episodes(10))
     stamp = 1
 
     def arrived():
