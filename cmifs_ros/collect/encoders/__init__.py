@@ -5,7 +5,8 @@
 from .cloud import Cloud
 from .encoder import Encoder
 from .image import Image
+from .installed import installed, installed_names
 from .scan import Scan
 from .yaw import Yaw
 
-__all__ = ['Cloud', 'Encoder', 'Image', 'Scan', 'Yaw']
+__all__ = ['Cloud', 'Encoder', 'Image', 'Scan', 'Yaw', 'installed', 'installed_names']

@@ -12,7 +12,8 @@ class Encoder(ABC):
     """Encode a message, or a part of one, as a fixed number of channels.
 
     The result depends on the message alone, so it is the same live and from a recording, and
-    nothing is fitted or kept. Equal encoders have equal options.
+    nothing is fitted or kept. Equal encoders have equal options. For encoders of other packages see
+    `installed`.
 
     Attributes
     ----------
@@ -20,11 +21,14 @@ class Encoder(ABC):
         Sets of fields, of which a message needs one.
     expected : str
         The messages that it encodes, for errors.
+    is_large : bool
+        Whether few of these messages fit into memory, so that only a few may wait.
 
     """
 
     needed: tuple[tuple[str, ...], ...]
     expected: str
+    is_large: bool = True
 
     @property
     def name(self) -> str:

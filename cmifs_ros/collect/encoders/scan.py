@@ -29,6 +29,7 @@ class Scan(Encoder):
 
     needed = (('ranges', 'angle_min', 'angle_increment', 'range_min', 'range_max'),)
     expected = 'a sensor_msgs/LaserScan'
+    is_large = False
 
     @property
     def suffixes(self) -> tuple[str, ...]:

@@ -16,6 +16,7 @@ class Yaw(Encoder):
 
     needed = (('w', 'x', 'y', 'z'),)
     expected = 'a quaternion of w, x, y, z'
+    is_large = False
 
     @property
     def suffixes(self) -> tuple[str, ...]:

@@ -9,7 +9,15 @@ from itertools import pairwise
 
 import yaml
 
-from cmifs_ros.collect.encoders import Cloud, Encoder, Image, Scan, Yaw
+from cmifs_ros.collect.encoders import (
+    Cloud,
+    Encoder,
+    Image,
+    Scan,
+    Yaw,
+    installed,
+    installed_names,
+)
 
 from .yaml_nodes import Nodes, shown
 
@@ -29,16 +37,14 @@ class EncoderReader(Nodes):
 
     def encoder(self, parts: dict, name: str) -> Encoder | None:
         """Return the encoder of a source with these keys; None without one, or with a mistake."""
-        kind: type[Encoder] | None = None
-        allowed: tuple[str, ...] = ()
-        if 'as' in parts:
-            kind, allowed = _ENCODERS[self.choice(parts['as'], f'{name}.as', tuple(_ENCODERS))]
+        chosen = parts['as'].value if isinstance(parts.get('as'), yaml.ScalarNode) else ''
+        kind, allowed = _ENCODERS.get(chosen, (None, ()))
         for key in OPTIONS:
             if key in parts and key not in allowed:
                 users = ' or '.join(f'as: {k}' for k, (_, keys) in _ENCODERS.items() if key in keys)
                 self.note(parts[key], f'{name} has {key}; expected it with {users} only')
         if kind is None:
-            return None
+            return self._installed(parts['as'], f'{name}.as') if 'as' in parts else None
         options: dict = {}
         if 'sectors' in allowed and 'sectors' in parts:
             number = self.number(parts['sectors'], f'{name}.sectors', 1, _MAX_SECTORS, 1)
@@ -49,6 +55,17 @@ class EncoderReader(Nodes):
         if 'heights' in allowed and 'heights' in parts:
             options['heights'] = self._heights(parts['heights'], f'{name}.heights')
         return kind(**options)
+
+    def _installed(self, node, what: str) -> Encoder | None:
+        """Return an encoder of another package, which cannot replace one of our own."""
+        names = installed_names()
+        if self.choice(node, what, (*_ENCODERS, *names)) not in names:
+            return None
+        try:
+            return installed(node.value)
+        except ValueError as error:
+            self.note(node, f'{what} is {shown(node)}: {error}')
+            return None
 
     def _heights(self, node, what: str) -> tuple[float, ...]:
         items = node.value if isinstance(node, yaml.SequenceNode) else []

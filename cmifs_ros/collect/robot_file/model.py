@@ -9,9 +9,9 @@ from collections.abc import Collection
 from dataclasses import dataclass
 
 from cmifs_ros.collect.discount import Discount
-from cmifs_ros.collect.encoders import Cloud, Encoder, Image
+from cmifs_ros.collect.encoders import Encoder
 from cmifs_ros.collect.sensor_groups import groups_by_name
-from cmifs_ros.core.words import first
+from cmifs_ros.core.words import counted, first
 
 from .expression import FUNCTIONS, Expression
 from .field_path import FieldPath, MissingFieldError, described
@@ -126,9 +126,20 @@ class Source:
                 f'as: {self.encoder.name}'
             )
         try:
-            return self.encoder.encode(value)
+            values = [float(number) for number in self.encoder.encode(value)]
         except ValueError as error:
             raise MissingFieldError(f'{self.path} has {error}') from None
+        except Exception as error:  # The encoder of another package may raise anything.
+            said = f'{type(error).__name__}: {" ".join(str(error).split())[:200]}'
+            raise MissingFieldError(
+                f'{self.path}: as: {self.encoder.name} fails ({said})'
+            ) from error
+        if len(values) != len(self.encoder.suffixes):
+            raise MissingFieldError(
+                f'{self.path}: as: {self.encoder.name} gives {counted(len(values), "value")}; '
+                f'expected {len(self.encoder.suffixes)}'
+            )
+        return values
 
 
 @dataclass(frozen=True)
@@ -236,8 +247,7 @@ class RobotFile:
     @property
     def large_topics(self) -> frozenset[str]:
         """Topics of images and clouds, few of whose messages fit into memory."""
-        large = [s.path.topic for s in self.sources if isinstance(s.encoder, (Image, Cloud))]
-        return frozenset(large)
+        return frozenset(s.path.topic for s in self.sources if s.encoder and s.encoder.is_large)
 
     def topics_for(self, channels: Collection[str]) -> tuple[str, ...]:
         """Return the topics of some channels, and of actions, steps, reward and ends."""

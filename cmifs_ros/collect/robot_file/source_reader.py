@@ -62,7 +62,7 @@ class SourceReader(EncoderReader):
                                     and not inf.value.startswith('_')):  # fmt: skip
             self.note(inf, f'{name}.inf is {shown(inf)}; expected a field such as range_max')
             inf = None
-        if path is None:
+        if path is None or ('as' in parts and encoder is None):
             return None
         if 'type' in parts:
             self.note_type(parts['type'], f'{name}.type', path.topic)

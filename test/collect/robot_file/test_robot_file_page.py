@@ -5,7 +5,9 @@
 import re
 from math import isfinite
 from pathlib import Path
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from cmifs_ros.collect.robot_file.expression import FUNCTIONS
@@ -38,6 +40,20 @@ def test_the_rewards_of_common_tasks_are_valid_in_a_robot_file():
         known = dict.fromkeys(names | OWN_VALUES, 1.0)
         assert isfinite(robot.reward(known, known))
         assert robot.steps or robot.action
+
+
+def test_the_encoder_of_the_page_encodes_an_image():
+    (code,) = re.findall(r'```python\n(.*?)```', PAGE, re.DOTALL)
+    exec(code, names := {})
+    encoder = names['Redness']()
+    pixels = np.zeros((2, 4, 3), np.uint8)
+    pixels[:, 2:, 0], pixels[..., 1] = 200, 50
+    rows = np.hstack([pixels.reshape(2, 12), np.full((2, 3), 255, np.uint8)])
+    image = SimpleNamespace(height=2, width=4, encoding='rgb8', step=15, data=rows.tobytes())
+    assert encoder.fits(vars(image).__contains__)
+    assert dict(zip(encoder.suffixes, encoder.encode(image), strict=True)) == {
+        '.left': 0.0, '.right': 200.0
+    }  # fmt: skip
 
 
 @pytest.mark.parametrize(
