@@ -67,6 +67,7 @@ class SelectedState:
         self._next: tuple[int, set[str], float] | None = None  # And when it is due at the latest.
         self._logged_missing: set[str] = set()  # Sensors last logged as missing.
         self._silent_until: dict[str, float] = {}  # By sensor, when to log again.
+        self._is_waiting = True
         self._num_sent = 0
         self._simulated: int | None = None
         self._is_simulated = is_simulated
@@ -144,6 +145,9 @@ class SelectedState:
         if self._selected is None and not self._settings['pass_through_until_selected']:
             return
         values = self._newest.state(self._now())
+        self._is_waiting = values is None
+        if values is None:
+            return
         if self._selected is not None:
             self._log_missing()
         if self._newest.missing and self._settings['stop_on_missing_channel']:
@@ -168,6 +172,8 @@ class SelectedState:
 
     def _in_words(self, missing: dict[str, str]) -> str:
         shown = first([f'{name}: {why}' for name, why in missing.items()])
+        if self._is_waiting:
+            return f'no selected_state yet; missing: {shown}'
         if self._settings['stop_on_missing_channel']:
             return f'selected_state stops; missing: {shown}'
         return f'selected_state has nan for {shown}'

@@ -88,7 +88,12 @@ def until_newest(robot, names, values, number):
 
 def test_it_needs_the_selected_channels_only_and_no_episode(start, robot, robot_file, select, say):
     sampler = start('sampler_node', robot_file=robot_file)
-    topics = Topics(robot, a=1.0, b=2.0, c=3.0, step=0.0)
+    Topics(robot, step=0.0)
+    waits = ', '.join(f'{name}: no message yet' for name in CHANNELS)
+    said = f'no selected_state yet; missing: {waits}'
+    robot.until(lambda: robot.diagnostics.get(SELECTED, ())[:2] == (WARN, said))
+    assert robot.selected == []
+    topics = Topics(robot, a=1.0, b=2.0, c=3.0)
     until_newest(robot, CHANNELS, [1, 2, 3], None)
     select(7, 'c', 'a')  # best first
     until_newest(robot, ['a', 'c'], [1, 3], 7)  # in the order of the file

@@ -19,7 +19,7 @@ from .held_values import HeldValues
 from .message_reader import UNREADABLE
 from .missing_values import NEVER, NOT_YET, SILENT, silent_for
 
-#: Seconds in which the first message of a channel is waited for, whatever its `max_age`.
+#: Seconds from the first message of any channel in which the first ones of the others are awaited.
 _FIRST = 1.0
 
 
@@ -37,8 +37,7 @@ class NewestValues:
     names : list of str
         The channels that `state` returns, in order; at first all channels.
     missing : dict of str to str
-        By sensor, why the newest `state` has NaN for a selected channel of it. A sensor without any
-        message is not missing in the first second.
+        By sensor, why the newest `state` has NaN for a selected channel of it, or is None.
 
     """
 
@@ -47,7 +46,8 @@ class NewestValues:
         self._held = HeldValues()
         self._by_topic: dict[str, list[Source]] = {}
         self._received: dict[str, tuple[int, object]] = {}  # By topic, its newest message.
-        self._begun: int | None = None  # Time of the first `state`.
+        self._begun: int | None = None  # Time of the first `state` with a message.
+        self._is_waiting = True
         self._last = self._set_back = 0
         self.missing: dict[str, str] = {}
         self.select(robot.channel_names, robot.channel_names)
@@ -105,27 +105,33 @@ class NewestValues:
             if values:
                 yield source.name, values
 
-    def state(self, time: int) -> array:
-        """Return the values at a time; NaN if missing or not finite.
+    def state(self, time: int) -> array | None:
+        """Return the values at a time, NaN if missing or not finite; at first None.
 
-        Summaries cover the time since the last call: call this once per step.
+        It is None until each selected channel has had a message, or for a second from the first one
+        of any of them. Summaries cover the time since the last call: call this once per step.
         """
         time = self._never_back(time)
-        self._begun = time if self._begun is None else self._begun
         state = array('d', [math.nan]) * len(self.names)
         self.missing = {}
+        num_never = 0
         for source, places in self._places:
             values, cause = self._held.of(source, time)
             if cause == NEVER:
-                if time - self._begun > min(source.max_age, _FIRST) * SECOND:
-                    self.missing[source.name] = NOT_YET
+                num_never += 1
+                self.missing[source.name] = NOT_YET
             elif cause == SILENT:
                 self.missing[source.name] = silent_for(source)
             elif cause is not None and source.over:
                 self.missing[source.name] = cause
             else:
                 self._fill(state, source, places, values)
-        return state
+        if self._is_waiting:
+            if self._begun is None and num_never < len(self._places):
+                self._begun = time
+            is_over = self._begun is not None and time - self._begun > _FIRST * SECOND
+            self._is_waiting = num_never > 0 and not is_over
+        return None if self._is_waiting else state
 
     def _fill(self, state: array, source: Source, places, values: Sequence[float]) -> None:
         for i, place in places:

@@ -34,7 +34,8 @@ def take(newest, seconds=0.0, **values):
 
 
 def state(newest, seconds=0.0):
-    return newest.state(int(seconds * SECOND)).tolist()
+    found = newest.state(int(seconds * SECOND))
+    return None if found is None else found.tolist()
 
 
 def test_before_a_selection_it_has_all_channels_in_the_order_of_the_file(newest):
@@ -73,11 +74,24 @@ def test_a_full_layout_has_nan_for_what_is_not_selected(newest):
     assert newest.missing == {}
 
 
+def test_there_is_no_state_until_each_channel_has_spoken_or_a_second_after_the_first(newest):
+    assert state(newest) is None
+    assert state(newest, 100) is None
+    assert newest.missing == dict.fromkeys(['a', 'pair', 'map', 'mode'], 'no message yet')
+    take(newest, 100, a=1.0, mode=1)
+    assert state(newest, 100) is None
+    take(newest, 101, a=2.0, pair=[2.0, 3.0])
+    assert state(newest, 101) is None
+    assert newest.missing == {'map': 'no message yet'}
+    newest.select({'a', 'pair[1]'}, ['a', 'pair[1]'])
+    assert state(newest, 101) == [2, 3]
+    newest.select({'a', 'map'}, ['a', 'map'])
+    assert state(newest, 101) == pytest.approx([2, nan], nan_ok=True)  # It does not stop again.
+
+
 def test_what_is_gone_is_nan_with_its_cause_and_comes_back(newest):
     take(newest, a=1.0, pair=[2.0, 3.0], mode=0)
-    state(newest)
-    assert state(newest, 0.9) == pytest.approx([1, 2, 3, nan, 1, 0], nan_ok=True)
-    assert newest.missing == {}  # The map has not spoken yet, for which it has a second.
+    assert state(newest) is None
     assert state(newest, 1.1) == pytest.approx([nan, 2, 3, nan, nan, nan], nan_ok=True)
     silent = 'silent for more than its max_age, 1 s'
     assert newest.missing == {'a': silent, 'map': 'no message yet', 'mode': silent}
@@ -93,7 +107,8 @@ def test_a_message_without_the_field_changes_nothing(newest):
     take(newest, a=1.0, pair=[2.0, 3.0])
     take(newest, a='text', pair=[1.0])
     newest.take('/a', Message(), 0)
-    assert state(newest)[:3] == [1, 2, 3]
+    newest.select(NAMES[:3], NAMES[:3])
+    assert state(newest) == [1, 2, 3]
 
 
 def test_what_was_latched_before_it_was_selected_counts(newest):
