@@ -79,9 +79,9 @@ _READING_ADVICE = (
 def write_report(
     folder: str | Path,
     selection: Selection,
-    episodes: Sequence[Episode],
-    names: Sequence[str],
-    dropped: Mapping[str, int],
+    episodes: Sequence[Episode] = (),
+    names: Sequence[str] = (),
+    dropped: Mapping[str, int | str] | None = None,
     *,
     advice: Advice | None = None,
 ) -> Path:
@@ -92,11 +92,11 @@ def write_report(
     folder : str or pathlib.Path
         Created if it does not exist; an existing page is replaced.
     selection : Selection
-    episodes : sequence of Episode
-        The episodes of the selection.
-    names : sequence of str
-        Names of the channels.
-    dropped : mapping of str to int
+    episodes : sequence of Episode, optional
+        The episodes of the selection. Without them there are no correlations and no returns.
+    names : sequence of str, optional
+        Names of their channels.
+    dropped : mapping of str to int, optional
         Numbers of dropped messages, steps or episodes by cause.
     advice : Advice, optional
         Advice by topic; by default, by sensor.
@@ -104,40 +104,33 @@ def write_report(
     Raises
     ------
     ValueError
-        If there are no episodes, or the numbers of channels and names differ.
+        If the numbers of channels and names differ.
     OSError
         If the folder or the page cannot be written.
 
     """
-    if not episodes:
-        raise ValueError('there are 0 episodes; expected those of the selection')
-    if episodes[0].num_channels != len(names):
+    if episodes and episodes[0].num_channels != len(names):
         raise ValueError(
             f'there are {len(names)} names; expected {episodes[0].num_channels}, '
             'one for each channel of the episodes'
         )
     selected = ', '.join(selection.names) or f'nothing: {nothing_selected(selection)}'
-    states = np.concatenate([episode.states for episode in episodes])
-    warnings = ''.join(f'<p class="warning">{escape(text)}</p>' for text in selection.warnings)
+    sizes = [counted(selection.episodes, 'episode'), counted(selection.steps, 'step')]
+    sizes += [counted(len(names), 'channel')] if names else []
+    warnings = [*selection.warnings, *filter(None, [selection.doubt])]
     parts = [
         f'<h1>Selected: {escape(selected)}</h1>',
-        warnings,
-        f'<p>From {counted(selection.episodes, "episode")}, {counted(selection.steps, "step")}, '
-        f'{counted(len(names), "channel")}, in {selection.seconds:.1f} s.</p>',
+        *(f'<p class="warning">{escape(text)}</p>' for text in warnings),
+        f'<p>From {", ".join(sizes)}, in {selection.seconds:.1f} s.</p>',
         '<h2>What each sensor adds</h2>' if _is_tested(selection) else '<h2>Ranking</h2>',
         _image(draw_ranking(selection), f'ranking: {prediction(selection)}'),
         _ranking_table(selection),
         _reading(selection),
         _reasons(selection),
         _scores(selection),
-        '<h2>Correlation of the selected with the other channels</h2>',
-        '<p class="note">Over all steps. A channel that correlates with a selected one may have '
-        'been left out because it is redundant.</p>',
-        _correlation(selection, states, names),
-        '<h2>Returns</h2>',
-        _image(_draw_returns(episodes), 'histogram of the returns'),
+        _data(selection, episodes, names) if episodes else '',
         '<h2>Dropped</h2>',
-        _dropped_table(dropped),
+        _dropped_table(dropped or {}),
         _advice(advice_of(selection) if advice is None else advice),
     ]
     page = (
@@ -226,6 +219,18 @@ def _number(value) -> str:
     return f'<td class="number">{value}</td>'
 
 
+def _data(selection: Selection, episodes: Sequence[Episode], names: Sequence[str]) -> str:
+    """Return the parts about the episodes themselves."""
+    return (
+        '<h2>Correlation of the selected with the other channels</h2>'
+        '<p class="note">Over all steps. A channel that correlates with a selected one may have '
+        'been left out because it is redundant.</p>'
+        + _correlation(selection, np.concatenate([e.states for e in episodes]), names)
+        + '<h2>Returns</h2>'
+        + _image(_draw_returns(episodes), 'histogram of the returns')
+    )
+
+
 def _correlation(selection: Selection, states: np.ndarray, names: Sequence[str]) -> str:
     selected = list(selection.indices)[:MAX_SHOWN]
     with np.errstate(invalid='ignore', over='ignore', divide='ignore'):
@@ -261,7 +266,7 @@ def _draw_returns(episodes: Sequence[Episode]):
     return figure
 
 
-def _dropped_table(dropped: Mapping[str, int]) -> str:
+def _dropped_table(dropped: Mapping[str, int | str]) -> str:
     rows = [
         f'<tr><td>{escape(cause)}</td>{_number(count)}</tr>'
         for cause, count in dropped.items()

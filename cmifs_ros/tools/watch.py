@@ -10,6 +10,7 @@ import os
 import signal
 import sys
 import time
+from pathlib import Path
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
@@ -23,8 +24,12 @@ from rich.console import Console
 from rich.live import Live
 from std_msgs.msg import String
 
+from cmifs_ros.collect.advice import advice_of
 from cmifs_ros.collect.selection_fields import selection_of
+from cmifs_ros.ros.heard_topics import HeardTopics
 
+from .arguments import folder_to_write
+from .program import CommandError
 from .watch_view import Snapshot, Status, view
 
 #: The hardware_id in the diagnostics of selectors.
@@ -35,8 +40,6 @@ _ROUND = 1.5
 _REFRESH_PERIOD = 0.25
 #: Seconds to wait for a selector if the output is not a terminal.
 _PATIENCE = 10.0
-#: Lines of the view that are not the ranking.
-_OTHER_LINES = 14
 _MAX_ELSEWHERE = 10
 _MAX_TOPICS = 100
 
@@ -49,6 +52,7 @@ class Watcher:
         self._namespace = node.get_namespace().strip('/')
         self._heard_at = self._heard_sampler_at = time.monotonic()
         self.snapshot = Snapshot()
+        self._topics = HeardTopics(node)
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         node.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
         node.create_subscription(String, 'selection', self._on_selection, latched)
@@ -58,6 +62,9 @@ class Watcher:
         now = time.monotonic()
         self.snapshot.silence = now - self._heard_at
         self.snapshot.sampler_silence = now - self._heard_sampler_at
+        selection = self.snapshot.selection
+        topics = None if selection is None else self._topics.of(selection)
+        self.snapshot.advice = None if topics is None else advice_of(selection, *topics)
         return self.snapshot
 
     def _on_diagnostics(self, msg: DiagnosticArray) -> None:
@@ -94,18 +101,21 @@ class Watcher:
             self.snapshot.unreadable = repr(error)
 
 
-def run(node: Node, console: Console) -> int:
-    """Show the view until a signal arrives; once if not in a terminal. Return the exit code."""
-    stopping = False
+def run(node: Node, console: Console, report: Path | None) -> int:
+    """Show the view until a signal arrives; once if not in a terminal. Return the exit code.
 
-    def stop(*_):
+    With a folder for a report, write the report instead.
+    """
+    stopping = 0
+
+    def stop(number, _):
         nonlocal stopping
-        stopping = True
+        stopping = number
 
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, stop)
     watcher = Watcher(node)
-    if not console.is_terminal:
+    if report is not None or not console.is_terminal:
         begin = now = incomplete_at = time.monotonic()
         # One more round, because the sampler may be heard after the selector.
         while not stopping and now < incomplete_at + _ROUND:
@@ -113,7 +123,12 @@ def run(node: Node, console: Console) -> int:
             now = time.monotonic()
             if not watcher.snapshot.is_complete and now < begin + _PATIENCE:
                 incomplete_at = now
-        console.print(view(watcher.look()))
+        if report is not None:
+            if stopping:
+                raise CommandError('interrupted; nothing is written')
+            _write_report(watcher.look(), report)
+            return 0
+        console.print(view(watcher.look(), console))
         return 0 if watcher.snapshot.selector or watcher.snapshot.sampler else 1
     with Live(console=console, auto_refresh=False, screen=True) as live:
         shown_at = 0.0
@@ -121,10 +136,25 @@ def run(node: Node, console: Console) -> int:
             rclpy.spin_once(node, timeout_sec=_REFRESH_PERIOD)
             if time.monotonic() >= shown_at + _REFRESH_PERIOD:
                 shown_at = time.monotonic()
-                live.update(view(watcher.look(), console.height - _OTHER_LINES), refresh=True)
+                live.update(view(watcher.look(), console, console.height), refresh=True)
     # The screen is restored; print the last view below.
-    console.print(view(watcher.look(), console.height - _OTHER_LINES))
+    console.print(view(watcher.look(), console))
     return 0
+
+
+def _write_report(snapshot: Snapshot, folder: Path) -> None:
+    """Write the page of `select_from_bag --report`, except for what needs the episodes."""
+    from .html_report import write_report
+
+    if snapshot.selection is None:
+        status = snapshot.statuses.get('selection')
+        raise CommandError(
+            snapshot.unreadable or (status.message if status else 'no selector heard')
+        )
+    path = write_report(
+        folder, snapshot.selection, dropped=snapshot.dropped, advice=snapshot.advice
+    )
+    print(f'written: {path}')
 
 
 def main(arguments: list[str] | None = None, program: str = 'watch') -> int:
@@ -135,13 +165,19 @@ def main(arguments: list[str] | None = None, program: str = 'watch') -> int:
         allow_abbrev=False,
     )
     parser.add_argument('--namespace', default='/', help='namespace of the selector (default /)')
+    parser.add_argument(
+        '--report',
+        type=folder_to_write,
+        metavar='FOLDER',
+        help='instead, write a report about the selection in use, FOLDER/index.html',
+    )
     options = parser.parse_args(arguments)
     namespace = '/' + options.namespace.strip('/')
     try:
         validate_namespace(namespace)
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
         node = rclpy.create_node(f'watch_{os.getpid()}', namespace=namespace)
-        code = run(node, Console())
+        code = run(node, Console(), options.report)
         # At the end of the process, it would take seconds on a busy machine.
         node.destroy_node()
         return code
@@ -151,6 +187,9 @@ def main(arguments: list[str] | None = None, program: str = 'watch') -> int:
             file=sys.stderr,
         )
         return 2
+    except (CommandError, OSError) as error:
+        print(f'{program}: {error}', file=sys.stderr)
+        return 1
     except (KeyboardInterrupt, ExternalShutdownException):
         return 0
     finally:

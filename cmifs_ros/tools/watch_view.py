@@ -4,15 +4,17 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from rich.console import Group
+from rich.console import Console, Group
 from rich.rule import Rule
 from rich.table import Table
 from rich.text import Text
 
+from cmifs_ros.collect.advice import Advice, advice_lines
 from cmifs_ros.collect.selection_report import (
     level_needed,
     prediction,
@@ -32,8 +34,8 @@ _STATUS_STYLES = {CONFIRMED: 'green', UNDECIDED: 'yellow', DISPENSABLE: 'dim'}
 #: Seconds without diagnostics, which come once a second, until the selector counts as stopped.
 GONE_AFTER = 5.0
 _NAME_WIDTH = 24
-#: Characters in a line of text, of 80 columns.
-_LEAST_WIDTH = 60
+#: Most sensors shown; lines of the ranking besides those of its sensors.
+_MAX_SENSORS, _LINES_BESIDE = 40, 4
 #: Statuses of the sampler that are not of topics.
 _STEPS, _SAVING = 'steps', 'saving'
 _MAX_BAD_TOPICS, _MAX_TOPICS = 4, 12
@@ -62,6 +64,8 @@ class Snapshot:
         The one in use.
     unreadable : str
         Why the newest published selection cannot be read; empty if it can.
+    advice : Advice or None
+        Advice by topic; None if no sampler publishes the topics of the channels.
     sampler : dict of str to Status
         Statuses of the sampler, if there is one: of the steps and of each topic.
     silence, sampler_silence : float
@@ -75,6 +79,7 @@ class Snapshot:
     statuses: dict[str, Status] = field(default_factory=dict)
     selection: Selection | None = None
     unreadable: str = ''
+    advice: Advice | None = None
     sampler: dict[str, Status] = field(default_factory=dict)
     silence: float = 0.0
     sampler_silence: float = 0.0
@@ -88,9 +93,15 @@ class Snapshot:
             'names' not in selection.values or self.selection is not None
         )
 
+    @property
+    def dropped(self) -> dict[str, str]:
+        """The numbers of messages and episodes that the selector dropped, by cause."""
+        values = self.statuses['input'].values if 'input' in self.statuses else {}
+        return {key: n for key, n in values.items() if 'dropped' in key and n != '0'}
 
-def view(snapshot: Snapshot, max_sensors: int = 40) -> Group:
-    """Return the whole view for 80 columns; a long ranking is cut."""
+
+def view(snapshot: Snapshot, console: Console, max_lines: float = math.inf) -> Group:
+    """Return the whole view for 80 columns; the ranking and the advice are cut to fit."""
     parts = [Rule(_plain(f'/{snapshot.selector}' if snapshot.selector else 'watch'), align='left')]
     if not snapshot.selector:
         parts += _nothing_heard(snapshot.elsewhere)
@@ -103,19 +114,33 @@ def view(snapshot: Snapshot, max_sensors: int = 40) -> Group:
     facts = Table.grid(padding=(0, 2))
     facts.add_column(style='bold')
     facts.add_column(overflow='fold')
-    sampler = list(_sampler_lines(snapshot)) if snapshot.sampler else []
-    for i, line in enumerate(sampler):
+    for i, line in enumerate(_sampler_lines(snapshot) if snapshot.sampler else ()):
         facts.add_row('' if i else 'sampler', line)
     for what, status in snapshot.statuses.items():
         facts.add_row(what, _headline(status))
         for line in _DETAILS.get(what, lambda snapshot: ())(snapshot):
             facts.add_row('', line)
     parts.append(facts)
-    if snapshot.selection is not None:
-        said = [*warnings, *_facts(snapshot.selection)]
-        num_lines = len(sampler) + sum(-(-len(text) // _LEAST_WIDTH) for text in said)
-        parts += [Text(), *_ranking(snapshot.selection, max(1, max_sensors - num_lines))]
-    return Group(*parts)
+    if snapshot.selection is None:
+        return Group(*parts)
+
+    def num_lines(*parts) -> int:
+        return len(console.render_lines(Group(*parts)))
+
+    room = max_lines - num_lines(*parts)
+    advice = Group()
+    for most in range(_MAX_TOPICS, 0, -1):
+        advice = _advice(snapshot.advice, most)
+        if num_lines(advice) <= room / 2:
+            break
+    max_sensors = max(1, min(_MAX_SENSORS, room - num_lines(advice) - _LINES_BESIDE))
+    return Group(*parts, Text(), *_ranking(snapshot.selection, max_sensors), advice)
+
+
+def _advice(advice: Advice | None, most: int) -> Group:
+    """Return the lists of the advice, each with at most `most` items."""
+    lines = [] if advice is None else advice_lines(advice, most)
+    return Group(*map(_plain, ['', *lines] if lines else []))
 
 
 def _plain(text: str) -> Text:
@@ -190,8 +215,7 @@ def _input_lines(snapshot: Snapshot):
         f'{counted(values.get("steps", "?"), "step")}; '
         f'{_megabytes(values, "buffer bytes")} of {_megabytes(values, "buffer bytes allowed")} MB'
     )
-    dropped = [f'{key}: {n}' for key, n in values.items() if 'dropped' in key and n != '0']
-    yield from map(_plain, dropped)
+    yield from (_plain(f'{key}: {n}') for key, n in snapshot.dropped.items())
 
 
 def _selection_lines(snapshot: Snapshot):

@@ -182,5 +182,13 @@ def test_a_constant_channel_and_many_channels_are_shown_without_a_warning(tmp_pa
 def test_what_does_not_fit_together_is_refused(tmp_path):
     with pytest.raises(ValueError, match='there are 3 names; expected 4'):
         write_report(tmp_path, SELECTION, make_episodes(), NAMES[:3], {})
-    with pytest.raises(ValueError, match='there are 0 episodes'):
-        write_report(tmp_path, SELECTION, [], NAMES, {})
+
+
+def test_without_the_episodes_the_rest_is_shown(tmp_path):
+    doubted = replace(SELECTION, doubt='the data have changed')
+    page = Page(write_report(tmp_path, doubted, dropped={'late': '7'}))
+    assert '<p class="warning">the data have changed</p>' in page.source
+    assert '<p>From 25 episodes, 60 steps, in 1.2 s.</p>' in page.source
+    assert '|late|' in re.sub(r'<[^>]*>', '|', page.source)
+    assert '<h2>Returns</h2>' not in page.source
+    assert len(page.pictures) == 2

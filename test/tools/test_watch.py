@@ -6,6 +6,7 @@ import os
 import re
 import signal
 import subprocess
+import time
 from pathlib import Path
 
 import pexpect
@@ -13,6 +14,10 @@ import pytest
 
 pytest.importorskip('rclpy', reason='ROS 2 is not here')
 from ament_index_python.packages import get_package_prefix
+from saved_episodes import NAMES, SELECTION, episodes
+
+from cmifs_ros.collect.episodes import file as episode_file
+from cmifs_ros.collect.episodes.file_format import Saved
 
 EXECUTABLES = Path(get_package_prefix('cmifs_ros'), 'lib', 'cmifs_ros')
 COLUMNS, LINES = 80, 24
@@ -21,6 +26,11 @@ step: {rate: 10.0}
 channels: {x: {path: /odom.pose.pose.position.x, type: nav_msgs/msg/Odometry}}
 reward: "x"
 episode: {steps: 5}
+"""
+ROBOT_OF_TWO = """
+step: {rate: 10.0}
+channels: {a: /a.data, b: /b.data}
+reward: b
 """
 
 
@@ -90,6 +100,13 @@ def plain(text):
     return re.sub(r'\x1b\[[0-9;?]*[A-Za-z]', '', text).replace('\r', '')
 
 
+def run(number, *options):
+    return subprocess.run(
+        [EXECUTABLES / 'watch', *options], env=environment(number), capture_output=True, text=True,
+        timeout=60, check=False,
+    )  # fmt: skip
+
+
 def test_the_live_view_shows_a_selection_as_it_comes_and_ends_on_ctrl_c(robot, watch):
     robot(0, '/robot1')
     terminal = watch(0, '--namespace', 'robot1')
@@ -124,10 +141,7 @@ def test_a_signal_ends_it_also_with_no_selector_there(watch, number):
 
 def test_into_a_pipe_it_prints_one_view_and_ends(robot):
     robot(20, '/')
-    result = subprocess.run(
-        [EXECUTABLES / 'watch'], env=environment(20), capture_output=True, text=True, timeout=60,
-        check=False,
-    )  # fmt: skip
+    result = run(20)
     assert result.returncode == 0, result.stderr
     assert result.stdout.count('/selector') == 1
     assert '\x1b' not in result.stdout
@@ -149,10 +163,37 @@ def test_the_sampler_beside_the_selector_is_shown_and_not_taken_for_it(start, wa
     assert 'Traceback' not in terminal.before
 
 
+def test_beside_a_sampler_it_ends_with_the_topics_that_can_go_and_writes_a_report(start, tmp_path):
+    saved = Saved(NAMES, episodes(), SELECTION, time.time())
+    episode_file.write(tmp_path / 'episodes', saved)
+    (tmp_path / 'robot.yaml').write_text(ROBOT_OF_TWO)
+    start(60, 'selector_node', f'episodes_path:={tmp_path}/episodes', 'selection_period:=0.0')
+    start(60, 'sampler_node', f'robot_file:={tmp_path}/robot.yaml')
+    shown = run(60)
+    assert shown.stdout.endswith("""
+keep these:
+  /b: b adds 12.5%
+these can go:
+  /a: a adds at most 22.8%; as long as b stays
+undecided: nothing
+"""), shown.stdout  # fmt: skip
+    written = run(60, '--report', tmp_path / 'page')
+    assert written.stdout == f'written: {tmp_path}/page/index.html\n'
+    assert written.returncode == 0
+    page = (tmp_path / 'page' / 'index.html').read_text()
+    assert '<h1>Selected: b</h1>' in page
+    assert '<li>/a: a adds at most' in page
+
+
+def test_without_a_selection_there_is_no_report_but_a_reason(start, tmp_path):
+    start(80, 'selector_node')
+    done = run(80, '--report', tmp_path / 'page')
+    assert (done.returncode, done.stdout) == (1, '')
+    assert done.stderr == 'watch: no selection yet: 0 episodes of at least 20\n'
+    assert not (tmp_path / 'page').exists()
+
+
 def test_a_bad_namespace_is_one_clear_sentence():
-    result = subprocess.run(
-        [EXECUTABLES / 'watch', '--namespace', 'a b'], env=environment(30), capture_output=True,
-        text=True, timeout=60, check=False,
-    )  # fmt: skip
+    result = run(30, '--namespace', 'a b')
     assert result.returncode == 2
     assert result.stderr == "watch: --namespace is 'a b'; expected a name such as /robot1\n"

@@ -9,6 +9,8 @@ from hypothesis import strategies as st
 from rich.console import Console
 from selections import selection, sensor
 
+from cmifs_ros.collect.advice import advice_of
+from cmifs_ros.collect.traffic import Rate
 from cmifs_ros.core.effect import Effect
 from cmifs_ros.tools.watch_view import Snapshot, Status, view
 
@@ -27,9 +29,12 @@ Y = sensor('y', 1.0, is_selected=True, pvalue=0.2)
 BATTERY = sensor('battery', 0.5, pvalue=0.9, status='dispensable', effect=Effect(-0.001, 0.002))
 
 
+SAMPLER = {'steps': Status(0, 'steps are made', {'steps': '12', 'steps per s': '4.0'})}
+
+
 def text_of(snapshot, width=80, **options):
     console = Console(file=io.StringIO(), width=width)
-    console.print(view(snapshot, **options))
+    console.print(view(snapshot, console, **options))
     return console.file.getvalue()
 
 
@@ -160,17 +165,34 @@ def test_long_names_are_shown_by_both_ends_and_push_no_column_away():
     assert rows == [f'[{i}]' for i in range(12)]
 
 
-def test_a_long_ranking_is_cut_and_says_so():
-    many = snapshot(*(sensor(f's{i}') for i in range(30)))
-    assert 'and 25 more' in text_of(many, max_sensors=5)
+def test_a_long_ranking_is_cut_to_fit_and_says_so():
+    many = snapshot(*(sensor(f's{i}', pvalue=0.5) for i in range(50)), sampler=SAMPLER)
+    assert 'and 10 more' in text_of(many)
+    for max_lines in (30, 50):
+        text = text_of(many, max_lines=max_lines)
+        assert max_lines - 3 <= len(text.splitlines()) <= max_lines
+        assert re.search(r'^and \d+ more$', text, re.M)
 
 
-def test_what_is_said_beside_the_ranking_takes_lines_of_it():
+def test_beside_a_sampler_it_ends_with_the_topics_that_can_go():
+    topics = {'x': '/pose', 'y': '/pose', 'battery': '/battery'}
+    advice = advice_of(selection(X, Y, BATTERY), topics, {'/battery': Rate(2.0, 160.0)})
+    text = text_of(snapshot(advice=advice))
+    assert text.endswith("""
+This is about the return under the recorded controller. A controller that is to
+be learned or changed may need other sensors: target decision.
+keep these:
+  /pose: x adds 40.0%, y adds 12.5%
+these can go:
+  /battery: battery adds at most 0.2%; 2 messages/s, 160 B/s
+undecided: nothing
+""")
     many = [sensor(f's{i}', pvalue=0.5) for i in range(30)]
-    least = len(text_of(snapshot(*many), max_sensors=10).splitlines())
-    said = {'predicted_share': 0.5, 'predicted_share_of_all': 0.25, 'warnings': ('bad ' * 50,)}
-    found = selection(*many, **said)
-    assert len(text_of(snapshot(selection=found), max_sensors=10).splitlines()) <= least
+    advice = advice_of(selection(*many), {one.name: f'/{one.name}' for one in many})
+    assert '\n  and 18 more\n' in text_of(snapshot(*many, advice=advice))
+    text = text_of(snapshot(*many, advice=advice), max_lines=40)
+    assert len(text.splitlines()) <= 40
+    assert re.search(r'^undecided:\n  /s0: s0 adds', text, re.M)
 
 
 def test_sensors_that_never_changed_have_no_score():
