@@ -13,7 +13,7 @@ import keyword
 import math
 import re
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from itertools import groupby
 from pathlib import Path
 
@@ -45,6 +45,8 @@ _GENERAL = (
 _KINDS = re.compile(r'(image|points|cloud)(_\w+)?|compressed(Depth)?')
 #: The last part of a topic that tells the robot what to do.
 _COMMAND = re.compile(r'(.*_)?(cmd|commands?|setpoints?)(_.*)?|goal(_pose)?')
+#: Rates of steps to propose, in Hz, and by how much one may exceed a measured rate.
+_RATES, _SLACK = (10.0, 5.0, 2.0, 1.0, 0.5, 0.2, 0.1), 1.2
 _OF_ROS = ('/rosout', '/parameter_events', '/clock')
 
 
@@ -163,7 +165,9 @@ def robot_file_of_topics(
             + ''.join(f'; {what}' for what in without[:8])
         )
     ros_actions = [one.topic.removesuffix(STATUS) for one in heard if one.topic.endswith(STATUS)]
-    return _text(title, lines + [f'# {what}' for what in without], commands, ros_actions)
+    lines += [f'# {what}' for what in without]
+    rates = {one.topic: one.count / seconds for one, _ in found if one.count > 1 and seconds > 0}
+    return _text(title, lines, commands, ros_actions, rates)
 
 
 def _channel(name: str, field: ObservedField, heard: ObservedTopic, age: str) -> str:
@@ -196,9 +200,9 @@ def _max_age(period: float) -> str:
 
 
 def _names(paths: list[FieldPath]) -> list[str]:
-    """Return a name for each: as many of its last parts as distinguish it from the others.
+    """Return a name for each: its topic and as many last parts as distinguish it from the others.
 
-    A single part, such as `voltage` or `x`, is preceded by its topic.
+    Without the topic, names such as `voltage` or `linear_x` would not say where they come from.
     """
     alternatives = [_alternatives(path) for path in paths]
     counts = Counter(name for names in alternatives for name in set(names))
@@ -235,9 +239,7 @@ def _alternatives(path: FieldPath) -> list[str]:
         del parts[-1]
     parts = [part for part, _ in groupby(parts)]  # Not pose_pose.
     names = [] if parts else [spaces[-1:]]
-    for length in range(1, len(parts) + 1):
-        names += [parts[-length:]] if length > 1 else []
-        names.append([spaces[-1], *parts[-length:]])
+    names += [[spaces[-1], *parts[-length:]] for length in range(1, len(parts) + 1)]
     names += [spaces[-length:] + parts for length in range(2, len(spaces) + 1)]
     texts = ['_'.join(part for part, _ in groupby(name)) for name in names]
     return [text for text in texts if text.isidentifier() and not keyword.iskeyword(text)] or [
@@ -245,11 +247,32 @@ def _alternatives(path: FieldPath) -> list[str]:
     ]
 
 
+def _steps(rates: Mapping[str, float]) -> list[str]:
+    """Return the lines about steps: the rates of the topics in Hz, and a rate that fits."""
+    if not rates:
+        return [f'step: {{rate: {_RATES[0]}}}']
+    slow, fast = min(rates, key=rates.__getitem__), max(rates, key=rates.__getitem__)
+    # Steps faster than any topic would only repeat its values.
+    fits = next((rate for rate in _RATES if rate <= _SLACK * rates[fast]), _RATES[-1])
+    return [
+        f'# Seen: {rates[slow]:.2g} Hz ({slow}) to {rates[fast]:.3g} Hz ({fast}).',
+        '# Between its messages a slow topic keeps its value until max_age; of a fast one the',
+        '# newest message counts, or all of them with `over`.',
+        f'step: {{rate: {fits}}}',
+    ]
+
+
 def _word(text: str) -> str:
     return re.sub(r'\W+', '_', text, flags=re.ASCII).strip('_')
 
 
-def _text(title: str, channels: list[str], commands: list[str], ros_actions: list[str]) -> str:
+def _text(
+    title: str,
+    channels: list[str],
+    commands: list[str],
+    ros_actions: list[str],
+    rates: Mapping[str, float],
+) -> str:
     lines = [
         f'# Written by make_robot_file from {json.dumps(title)[1:-1]}.',
         '# Complete what is marked TODO. Remove channels that cannot matter: more channels need',
@@ -257,7 +280,7 @@ def _text(title: str, channels: list[str], commands: list[str], ros_actions: lis
         '# was the robot at its task?',
         '',
         '# TODO: steps per second, or a step at each message of a topic: {topic: /odom}.',
-        'step: {rate: 10.0}',
+        *_steps(rates),
         '',
         'channels:',
         *channels,

@@ -103,12 +103,12 @@ def test_messages_in_arrays_are_listed_by_name_key_frame_or_place():
     )  # fmt: skip
     lines = text.splitlines()
     heat = '"/diagnostics.status{left motor}.values{Heat (C)}.value"'
-    assert f'  left_motor_Heat_C: {heat}' in lines
-    assert any('# right' in line and '# never changed: 9' in line for line in lines)
+    assert f'  diagnostics_left_motor_Heat_C: {heat}' in lines
+    assert any('# diagnostics_right' in line and '# never changed: 9' in line for line in lines)
     assert 'sampler' not in text
-    assert '  hip_values: "/arm.interface_values{hip}.values{position,effort}"' in lines
-    assert '  knee_values: "/arm.interface_values{knee}.values{effort}"' in lines
-    assert '  f1_transform_x: "/tf.transforms{f1}.transform.x"' in lines
+    assert '  arm_hip_values: "/arm.interface_values{hip}.values{position,effort}"' in lines
+    assert '  arm_knee_values: "/arm.interface_values{knee}.values{effort}"' in lines
+    assert '  tf_f1_transform_x: "/tf.transforms{f1}.transform.x"' in lines
     assert text.count('"/seen.boxes[') == 4
 
 
@@ -171,6 +171,20 @@ def test_names_that_say_little_have_their_topic_before_them():
     assert names == [
         'a_cell_voltage', 'b_cell_voltage', 'power_voltage', 'bms_data_voltage', 'level'
     ]  # fmt: skip
+
+
+def test_a_rate_is_proposed_that_the_fastest_topic_has():
+    def lines(**counts):
+        said = [(f'/{topic}', 'Battery', Message(voltage=i))
+                for topic, count in counts.items() for i in range(count)]  # fmt: skip
+        return text_of(KINDS, *said).splitlines()
+
+    found = lines(slow=2, fast=60, once=1)  # in one second
+    assert '# Seen: 2 Hz (/slow) to 60 Hz (/fast).' in found
+    assert 'step: {rate: 10.0}' in found
+    assert 'step: {rate: 5.0}' in lines(slow=2, fast=5)
+    assert 'step: {rate: 10.0}' in lines(fast=9)  # Counts begin and end at random.
+    assert 'step: {rate: 10.0}' in lines(once=1)
 
 
 def test_of_a_bag_a_rare_event_is_seen_and_what_was_not_looked_at_is_told(tmp_path):
