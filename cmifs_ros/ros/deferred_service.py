@@ -15,8 +15,8 @@ from rclpy.service import Service
 
 #: Seconds between replies. Each client of a service receives the replies to all clients and queues
 #: the newest 10. Faster replies would push out the one meant for a client that is slow to read: at
-#: this pace it may take half a second.
-_AT_ONCE, _PERIOD = 2, 0.1
+#: this pace it may take a second.
+_PERIOD = 0.1
 #: Replies that may be queued; further ones are sent at once.
 _MAX_WAITING = 1000
 
@@ -39,7 +39,7 @@ class DeferredReplies:
         self._send_now = service.send_response
         service.send_response = self._send
         self._waiting: deque[Callable[[], None]] = deque()
-        self._allowed = _AT_ONCE
+        self._is_allowed = True
         # Steady time: a paused simulation must not stop it.
         node.create_timer(_PERIOD, self._go_on, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
@@ -60,10 +60,10 @@ class DeferredReplies:
         self._send_allowed()
 
     def _go_on(self) -> None:
-        self._allowed = _AT_ONCE
+        self._is_allowed = True
         self._send_allowed()
 
     def _send_allowed(self) -> None:
-        while self._waiting and self._allowed:
-            self._allowed -= 1
+        if self._waiting and self._is_allowed:
+            self._is_allowed = False
             self._waiting.popleft()()

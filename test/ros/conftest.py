@@ -154,7 +154,7 @@ class Robot:
             values = {pair.key: pair.value for pair in status.values}
             self.diagnostics[status.name] = (status.level, status.message, values)
 
-    def until(self, condition, seconds=20.0):
+    def until(self, condition, seconds=60.0):
         """Spin until a condition holds; fail if it does not in time."""
         deadline = time.monotonic() + seconds
         while not condition():
@@ -231,7 +231,8 @@ class Robot:
     def wait_for_episodes(self, count):
         self.until(lambda: self.value('episodes') == count)
 
-    def call(self, client, request=None, seconds=60.0):
+    def call(self, client, request=None, seconds=300.0):
+        """Call a service; a first selection compiles, which takes minutes on a busy machine."""
         future = client.call_async(request or Trigger.Request())
         self.until(future.done, seconds)
         return future.result()

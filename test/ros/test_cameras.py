@@ -45,7 +45,7 @@ def test_images_scans_and_clouds_are_channels(start, robot, tmp_path):
             publisher.publish(message)
 
     node.create_timer(0.05, publish)
-    robot.until(lambda: len(states) > 2, 60)
+    robot.until(lambda: len(states) > 2)
     state = dict(zip(states[-1].name, states[-1].position, strict=True))
     assert len(state) == 15 + 4 + 4
     assert state['eye[0,0]'] == pytest.approx(77)

@@ -100,14 +100,14 @@ def test_a_robot_of_its_own_topics_gives_episodes_and_groups(start, robot, robot
     assert robot.diagnostics['sampler: steps'][0] == WARN
     assert 'nobody publishes it' in robot.diagnostics['sampler: /odom'][1]
     Drive(robot)  # Its publishers come after the sampler.
-    robot.until(lambda: robot.value('episodes') >= 5, 60)
+    robot.until(lambda: robot.value('episodes') >= 5)
     assert list(states[-1].name) == CHANNELS
     assert dict(zip(rewards[-1].name, rewards[-1].position, strict=True))['half_life'] == 2
     assert states[-1].position[4:6] == pytest.approx([states[-1].position[3], 8])
     assert hypot(*states[-1].position[1:3]) == pytest.approx(1)
     refusal = robot.set_parameter('num_features', 5)
     assert 'expected at most 4, the number of sensors' in refusal.reason
-    reply = json.loads(robot.call(robot.select_client, seconds=120).message)
+    reply = json.loads(robot.call(robot.select_client).message)
     assert set(reply['ranking']) == {'x', 'yaw', 'scan', 'radio'}
     robot.until(lambda: robot.diagnostics['sampler: /scan'][0] == OK)
     values = robot.diagnostics['sampler: /scan'][2]
@@ -122,7 +122,7 @@ def test_it_says_which_channel_breaks_episodes_and_goes_on(start, robot, robot_f
     drive = Drive(robot)
     rewards = []
     robot.node.create_subscription(JointState, 'reward', rewards.append, 10)
-    robot.until(lambda: len(rewards) > 20 and robot.diagnostics, 60)
+    robot.until(lambda: len(rewards) > 20 and robot.diagnostics)
     drive.silent = {'scan'}
     robot.until(
         lambda: (
@@ -196,7 +196,7 @@ def test_stamps_of_steps_are_those_of_the_clock_topic(start, robot, robot_file):
     )
     begin = time.time_ns()
     Drive(robot)
-    robot.until(lambda: len(stamps) > 10, 60)
+    robot.until(lambda: len(stamps) > 10)
     assert begin <= stamps[0] <= stamps[-1] <= time.time_ns()
     assert stamps == sorted(set(stamps))
 

@@ -382,7 +382,7 @@ def test_random_messages_leave_the_node_as_it_was(selector, robot):
         robot.executor.spin_once(timeout_sec=0)
     robot.until(lambda: robot.diagnostics[INPUT][0] == WARN)
     # A slow node must have taken all of them before it is cleared.
-    robot.until(lambda: robot.diagnostics[INPUT][1].startswith('no state for'), 60)
+    robot.until(lambda: robot.diagnostics[INPUT][1].startswith('no state for'))
     assert robot.call(robot.clear_client).success
     robot.publish_episodes(normal_episodes(), NAMES)
     robot.wait_for_episodes(24)
