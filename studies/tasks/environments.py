@@ -64,7 +64,7 @@ class Environment(NamedTuple):
     Attributes
     ----------
     make : callable
-        Returns the environment.
+        Returns the environment, given Gymnasium's options such as `render_mode`.
     channel_names : tuple of str
     relevant : tuple of int
     target : tuple of int
@@ -76,7 +76,7 @@ class Environment(NamedTuple):
 
     """
 
-    make: Callable[[], object]
+    make: Callable[..., object]
     channel_names: tuple[str, ...]
     relevant: tuple[int, ...]
     target: tuple[int, ...]
@@ -115,46 +115,46 @@ def rollout_environment(name: str, num_episodes: int, seed: int) -> list[Episode
     return episodes
 
 
-def _make_cart_pole():
+def _make_cart_pole(**options):
     from gymnasium.envs.classic_control.cartpole import CartPoleEnv
 
-    return CartPoleEnv()
+    return CartPoleEnv(**options)
 
 
-def _make_pendulum():
+def _make_pendulum(**options):
     from gymnasium.envs.classic_control.pendulum import PendulumEnv
 
-    return PendulumEnv()
+    return PendulumEnv(**options)
 
 
-def _make_taxi():
+def _make_taxi(**options):
     from gymnasium.envs.toy_text.taxi import TaxiEnv
 
-    return TaxiEnv()
+    return TaxiEnv(**options)
 
 
-def _make_cliff_walking():
+def _make_cliff_walking(**options):
     from gymnasium.envs.toy_text.cliffwalking import CliffWalkingEnv
 
-    return CliffWalkingEnv()
+    return CliffWalkingEnv(**options)
 
 
-def _make_frozen_lake():
+def _make_frozen_lake(**options):
     from gymnasium.envs.toy_text.frozen_lake import FrozenLakeEnv
 
-    return FrozenLakeEnv(is_slippery=False)
+    return FrozenLakeEnv(is_slippery=False, **options)
 
 
-def _make_reacher():
+def _make_reacher(**options):
     from gymnasium.envs.mujoco.reacher_v5 import ReacherEnv
 
-    return ReacherEnv()
+    return ReacherEnv(**options)
 
 
-def _make_inverted_pendulum():
+def _make_inverted_pendulum(**options):
     from gymnasium.envs.mujoco.inverted_pendulum_v5 import InvertedPendulumEnv
 
-    return InvertedPendulumEnv()
+    return InvertedPendulumEnv(**options)
 
 
 def _act_at_random(world) -> Policy:
