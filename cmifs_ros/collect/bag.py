@@ -6,6 +6,8 @@ from __future__ import annotations
 
 from array import array
 from collections.abc import Callable, Collection, Iterable, Mapping
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from cmifs_ros.collect.episodes.drops import explained
@@ -13,8 +15,10 @@ from cmifs_ros.collect.episodes.pairing import EpisodeAssembler
 from cmifs_ros.collect.episodes.reward_reader import RewardReader
 from cmifs_ros.collect.recorded_episodes import RecordedEpisodes, RecordingError
 from cmifs_ros.collect.robot_file import RobotFile
+from cmifs_ros.collect.robot_file.model import CHANNEL
 from cmifs_ros.collect.robot_file.path_check import problems_of_paths
 from cmifs_ros.collect.sampled_episodes import MAX_EPISODE_STEPS, Collector, SampledEpisodes
+from cmifs_ros.collect.sampling.bag_frames import IMAGES, frames_of_bag
 from cmifs_ros.collect.sampling.bag_reader import (
     BagError,
     OpenBag,
@@ -97,7 +101,15 @@ def episodes_of_bag(
             {name: reader.num_messages[topic] for topic, name in topics.items()},
             {name: reader.num_bytes[topic] for topic, name in topics.items()},
         )
-    return collector.recorded(count, traffic, reader.unreadable)
+    found = collector.recorded(count, traffic, reader.unreadable)
+    actual = {name: topic for topic, name in topics.items()}
+    cameras = {
+        source.name: partial(frames_of_bag, path, open_bag, topic, found.stamps)
+        for source in (robot.sources if robot is not None else ())
+        if source.role == CHANNEL and source.encoder is not None and not source.path.fields
+        and not kinds[topic := actual[source.path.topic]].isdisjoint(IMAGES)
+    }  # fmt: skip
+    return replace(found, cameras=cameras)
 
 
 class _StatesAndRewards(Collector):

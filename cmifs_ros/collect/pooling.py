@@ -39,6 +39,8 @@ class Pool:
         What was left out, and what looks wrong.
     action_names : tuple of str
         Names of the values of an action; empty if some episodes have no actions.
+    origins : list of (int, int)
+        The recording of each episode, and which one it is of that.
 
     """
 
@@ -47,6 +49,7 @@ class Pool:
     step_seconds: float = float('nan')
     notes: list[str] = field(default_factory=list)
     action_names: tuple[str, ...] = ()
+    origins: list[tuple[int, int]] = field(default_factory=list)
 
 
 def source_of(path: str | Path, by: str) -> str:
@@ -85,11 +88,11 @@ def pooled(recordings: Sequence[tuple[str, RecordedEpisodes]], by: str = 'none')
     """
     pool = Pool()
     kept: list[_Recorded] = []
-    with_episodes = [(path, one) for path, one in recordings if one.episodes]
-    distances = np.concatenate([np.empty(0), *(one.distances for _, one in with_episodes)])
+    numbered = [(i, path, one) for i, (path, one) in enumerate(recordings) if one.episodes]
+    distances = np.concatenate([np.empty(0), *(one.distances for _, _, one in numbered)])
     if len(distances):
         pool.step_seconds = float(np.median(distances)) / 1e9
-    for path, one in sorted(with_episodes, key=lambda item: _begin(item[1])):
+    for number, path, one in sorted(numbered, key=lambda item: _begin(item[2])):
         if one.channel_names != (pool.channel_names or one.channel_names):
             raise RecordingError(
                 f'{path} has other channels than {kept[0].path}; expected the same'
@@ -106,10 +109,14 @@ def pooled(recordings: Sequence[tuple[str, RecordedEpisodes]], by: str = 'none')
             )
         if any(is_kept):
             kept.append(_Recorded(path, recorded.source, one, is_kept))
-            episodes = compress(one.episodes, is_kept)
-            pool.episodes += [replace(episode, source=recorded.source) for episode in episodes]
+            new = compress(one.episodes, is_kept)
+            pool.episodes += [replace(episode, source=recorded.source) for episode in new]
             pool.action_names = pool.action_names or one.action_names
-    pool.episodes, note = with_same_actions(pool.episodes)
+            pool.origins += [(number, i) for i in np.flatnonzero(is_kept).tolist()]
+    episodes, note = with_same_actions(pool.episodes)
+    if len(episodes) < len(pool.episodes):
+        pool.origins = list(compress(pool.origins, [e.actions.size for e in pool.episodes]))
+    pool.episodes = episodes
     pool.notes += [note] if note else []
     if pool.episodes and not pool.episodes[0].actions.size:
         pool.action_names = ()

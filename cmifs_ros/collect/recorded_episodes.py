@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -18,6 +18,11 @@ from .traffic import Traffic
 
 class RecordingError(Exception):
     """A recording cannot be read; the message says why."""
+
+
+#: Returns a small grey picture for each step, given as episode and step, by reading the recording
+#: again: shape (height, width), uint8; None where there is none.
+Camera = Callable[[Sequence[tuple[int, int]]], Sequence[np.ndarray | None]]
 
 
 @dataclass(frozen=True)
@@ -56,6 +61,9 @@ class RecordedEpisodes:
     ends : mapping of Condition to collections.Counter
         How often the conditions that end episodes were true, false and unknown (None).
 
+    cameras : mapping of str to Camera
+        By sensor, what returns its pictures.
+
     """
 
     channel_names: tuple[str, ...]
@@ -73,6 +81,7 @@ class RecordedEpisodes:
     unit: str = 'message'
     no_rewards: str = ''
     ends: Mapping[Condition, Counter[bool | None]] = field(default_factory=dict)
+    cameras: Mapping[str, Camera] = field(default_factory=dict)
 
     @property
     def distances(self) -> np.ndarray:

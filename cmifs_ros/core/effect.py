@@ -72,10 +72,7 @@ class EffectEstimator:
 
         if not functions.size:
             return Effect(0.0, 0.0)
-        functions = residual(functions, self._basis)
-        variances, axes = np.linalg.eigh(functions.T @ functions / len(functions))
-        kept = variances > _LEAST_VARIANCE * variances[-1]
-        functions = functions @ (axes[:, kept] / np.sqrt(variances[kept]))
+        functions = self._own(functions)
         coefficients = functions.T @ self._left[:, 0] / len(functions)
         parts = sums_of_products(functions, self._errors, self._starts)[:, 0] / len(functions)
         share = coefficients @ coefficients - (parts * parts).sum()
@@ -87,6 +84,20 @@ class EffectEstimator:
         gram, own = parts.T @ parts, (parts * parts).sum(axis=1)
         at_zero = 2 * ((gram * gram).sum() - own @ own)
         return Effect(float(share), float(np.sqrt(max(at_zero, 0.0) + influence @ influence)))
+
+    def added(self, functions: np.ndarray) -> np.ndarray:
+        """Return what functions (N, k) add to the prediction of the target in each row: (N,)."""
+        if not functions.size:
+            return np.zeros(len(self._left))
+        functions = self._own(functions)
+        return functions @ (functions.T @ self._left[:, 0]) / len(functions)
+
+    def _own(self, functions: np.ndarray) -> np.ndarray:
+        """Return orthogonal columns of variance 1 that span what the basis leaves of functions."""
+        functions = residual(functions, self._basis)
+        variances, axes = np.linalg.eigh(functions.T @ functions / len(functions))
+        kept = variances > _LEAST_VARIANCE * variances[-1]
+        return functions @ (axes[:, kept] / np.sqrt(variances[kept]))
 
     def pair_bounds(self, own: np.ndarray) -> np.ndarray:
         """Return upper bounds, with 95 % confidence, for products of two columns (N, k): (k, k).

@@ -60,15 +60,14 @@ class Samples:
     def transitions(self) -> tuple[Samples, np.ndarray]:
         """Return the samples that have a next step, and the states (N', v) of that step."""
         rows = np.flatnonzero(self.owner[1:] == self.owner[:-1])
-        present, owner = np.unique(self.owner[rows], return_inverse=True)
         before = Samples(
             self.returns[rows],
             self.states[rows],
-            owner,
+            self.owner[rows],
             self.step[rows],
             self.rewards[rows],
             self.actions[rows],
-            self.sources[present],
+            self.sources,
         )
         return before, self.states[rows + 1]
 

@@ -18,6 +18,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import reduce
 from operator import or_
+from typing import NamedTuple
 
 import numpy as np
 
@@ -29,6 +30,26 @@ from .samples import Samples
 TARGETS = RETURN, DECISION, ACTION = ('return', 'decision', 'action')
 #: Why a decision needs a sensor, if not because it 'predicts NAME'.
 REWARD = 'reward'
+
+
+class Contribution(NamedTuple):
+    """What a sensor adds to the prediction of a variable of the target, step by step.
+
+    Attributes
+    ----------
+    variable : str
+        `RETURN`, `REWARD`, 'predicts NAME' or the name of an action.
+    episodes, steps : numpy.ndarray of int, shape (N,)
+    values : numpy.ndarray, shape (N,)
+        In standard deviations of the variable. Their mean square is about the share of its variance
+        that the sensor adds.
+
+    """
+
+    variable: str
+    episodes: np.ndarray
+    steps: np.ndarray
+    values: np.ndarray
 
 
 class TargetTest:
@@ -58,6 +79,7 @@ class TargetTest:
         gamma: float,
         **options,
     ):
+        self._samples = [samples]
         if target == RETURN:
             test = ConditionalTest(samples, {RETURN: samples.returns}, discount=gamma, **options)
             self._tests = [test]
@@ -66,6 +88,7 @@ class TargetTest:
             self._tests = [ConditionalTest(samples.without_actions(), actions, **options)]
         else:
             before, after = samples.transitions()
+            self._samples.append(before)
             predicted = {f'predicts {n}': of_n for n, of_n in zip(names, after.T, strict=True)}
             self._tests = [
                 ConditionalTest(samples, {REWARD: samples.rewards}, **options),
@@ -92,6 +115,16 @@ class TargetTest:
             max(of.values(), key=lambda effect: effect.upper_bound, default=none)
             for of in self._of_all('effects', candidates, given)
         ]
+
+    def added(self, candidate: Sequence[int], given: Sequence[int]) -> Contribution:
+        """Return what a candidate adds to the prediction of the variable to which it adds most."""
+        parts = []
+        for samples, test in zip(self._samples, self._tests, strict=True):
+            index, of_variables = test.added(candidate, given)
+            at = samples.owner[index], samples.step[index]
+            parts += [Contribution(name, *at, values) for name, values in of_variables.items()]
+        none = Contribution('', np.empty(0, int), np.empty(0, int), np.empty(0))
+        return max(parts, key=lambda part: float(part.values.var()), default=none)
 
     def pair_bounds(self, channels: Sequence[int], given: Sequence[int]) -> np.ndarray:
         """Return upper bounds of what products of two channels add: shape (k, k)."""

@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import base64
 import io
 from collections.abc import Mapping, Sequence
 from html import escape
@@ -13,12 +12,14 @@ from pathlib import Path
 import numpy as np
 
 from cmifs_ros.collect.advice import Advice, Item, advice_of, headed, text_of
+from cmifs_ros.collect.example_frames import ExampleFrame
 from cmifs_ros.collect.selection_report import nothing_selected, prediction
 from cmifs_ros.core import Episode
 from cmifs_ros.core.selection import Selection
 from cmifs_ros.core.targets import DECISION
 from cmifs_ros.core.words import counted
 
+from .frame_gallery import embedded, gallery
 from .ranking import (
     MAX_SHOWN,
     PLAIN_COLOR,
@@ -40,7 +41,8 @@ body { font: 16px/1.5 system-ui, sans-serif; max-width: 60rem; margin: 2rem auto
 table { border-collapse: collapse; } td, th { padding: .2rem .8rem; text-align: left;
        border-bottom: 1px solid #d1d9e0; } td.number { text-align: right; white-space: nowrap; }
 td.name { max-width: 16rem; }
-img { max-width: 100%; } .note { color: #59636e; }
+img { max-width: 100%; } .frames { display: flex; flex-wrap: wrap; } figure { margin: .4rem; }
+figcaption, .note { color: #59636e; }
 .warning { background: #fff8c5; border: 1px solid #d4a72c; padding: .4rem .8rem; }
 """ + ' '.join(f'.{status} {{ color: {color}; }}' for status, color in STATUS_COLORS.items())
 #: Names of channels or sensors in a cell of the table.
@@ -84,6 +86,7 @@ def write_report(
     dropped: Mapping[str, int | str] | None = None,
     *,
     advice: Advice | None = None,
+    frames: Mapping[str, Sequence[ExampleFrame]] | None = None,
 ) -> Path:
     """Write a page about a selection and return its path, `folder`/index.html.
 
@@ -100,6 +103,8 @@ def write_report(
         Numbers of dropped messages, steps or episodes by cause.
     advice : Advice, optional
         Advice by topic; by default, by sensor.
+    frames : mapping of str to sequence of ExampleFrame, optional
+        By camera, those at which it matters most.
 
     Raises
     ------
@@ -127,6 +132,7 @@ def write_report(
         _ranking_table(selection),
         _reading(selection),
         _reasons(selection),
+        *(gallery(name, of_camera) for name, of_camera in (frames or {}).items() if of_camera),
         _scores(selection),
         _data(selection, episodes, names) if episodes else '',
         '<h2>Dropped</h2>',
@@ -195,8 +201,7 @@ def _list(items: Sequence[Item]) -> str:
 def _image(figure, description: str) -> str:
     stream = io.BytesIO()
     figure.savefig(stream, format='png', dpi=100)
-    data = base64.b64encode(stream.getvalue()).decode('ascii')
-    return f'<img alt="{escape(description)}" src="data:image/png;base64,{data}">'
+    return embedded(stream.getvalue(), description)
 
 
 def _ranking_table(selection: Selection) -> str:

@@ -17,6 +17,7 @@ from cmifs_ros.collect.discount import Discount, in_words
 from cmifs_ros.collect.episodes import file as episode_file
 from cmifs_ros.collect.episodes.episode_check import problems_of_ends, problems_of_episodes
 from cmifs_ros.collect.episodes.reward_check import problem_of_target
+from cmifs_ros.collect.example_frames import example_frames
 from cmifs_ros.collect.pooling import Pool, pooled
 from cmifs_ros.collect.recorded_episodes import RecordedEpisodes, RecordingError
 from cmifs_ros.collect.recording import episodes_of_recording, recordings_in
@@ -299,7 +300,10 @@ def _write(
         written.append(options.topics)
     if options.report:
         of_pool = pool.episodes, pool.channel_names
-        written.append(write_report(options.report, selection, *of_pool, dropped, advice=advice))
+        frames = example_frames(selection, pool, recordings, options.order == 'time')
+        written.append(
+            write_report(options.report, selection, *of_pool, dropped, advice=advice, frames=frames)
+        )
     print(f'written: {", ".join(map(str, written))}')
     print('\n'.join(['', *advice_lines(advice)]))
 

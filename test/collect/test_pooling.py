@@ -40,6 +40,7 @@ def test_a_second_recorder_that_began_later_adds_only_what_the_first_lacks():
     assert len(set(steps_of(pool))) == len(steps_of(pool))
     # The first has 300 steps; of the second's windows, from 53 on, those from 303 on are new.
     assert len(pool.episodes) == 12 + 3
+    assert pool.origins == [(0, i) for i in range(12)] + [(1, 10), (1, 11), (1, 12)]
     assert pool.notes == [
         'b repeats 247 steps of a',
         'b: 10 of 13 episodes left out, because they were recorded twice',
@@ -81,6 +82,7 @@ def test_bags_are_in_the_order_of_time_and_nothing_is_told_of_those_apart():
     late, early = recorded(states[200:], 200), recorded(states[:200])
     pool = pooled([('late', late), ('early', early)])
     assert steps_of(pool) == [tuple(state) for state in states]
+    assert pool.origins == [(1, i) for i in range(8)] + [(0, i) for i in range(8)]
     assert pool.notes == []
     assert pool.step_seconds == pytest.approx(0.1)
 
@@ -105,11 +107,12 @@ def acting(bag, names=('turn',)):
 
 def test_bags_without_actions_are_left_out_where_most_have_some_else_all_do_without():
     many, few = recorded(drive(0, 100)), recorded(drive(1, 50), 1000)
-    pool = pooled([('a', acting(many)), ('b', few)])
+    pool = pooled([('b', few), ('a', acting(many))])
     assert (len(pool.episodes), pool.action_names) == (4, ('turn',))
+    assert pool.origins == [(1, i) for i in range(4)]
     assert pool.notes == ['4 of 6 episodes have an action at every step: the others are not used']
     pool = pooled([('a', many), ('b', acting(few))])
-    assert (len(pool.episodes), pool.action_names) == (6, ())
+    assert (len(pool.episodes), len(pool.origins), pool.action_names) == (6, 6, ())
     assert {episode.actions.shape for episode in pool.episodes} == {(25, 0)}
     assert pool.notes == ['2 of 6 episodes have an action at every step: actions are not used']
 

@@ -7,6 +7,9 @@ from .encoder import Encoder
 from .image import Image
 from .installed import installed, installed_names
 from .scan import Scan
+from .thumbnail import thumbnail
 from .yaw import Yaw
 
-__all__ = ['Cloud', 'Encoder', 'Image', 'Scan', 'Yaw', 'installed', 'installed_names']
+__all__ = [
+    'Cloud', 'Encoder', 'Image', 'Scan', 'Yaw', 'installed', 'installed_names', 'thumbnail',
+]  # fmt: skip

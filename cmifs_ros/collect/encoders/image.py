@@ -14,7 +14,7 @@ from functools import lru_cache
 import numpy as np
 
 from .encoder import Encoder
-from .pixels import compressed_grid, raw_grid
+from .pixels import pixels_of
 
 #: Rows and columns of areas over which an image is averaged.
 _SIZE = 32
@@ -44,7 +44,7 @@ class Image(Encoder):
 
     def encode(self, message) -> list[float]:
         """Return the coefficients; NaN without any known depth."""
-        grid = (raw_grid if hasattr(message, 'step') else compressed_grid)(message, _SIZE)
+        grid = pixels_of(message, _SIZE).averages((_SIZE, _SIZE))
         unknown = np.isnan(grid)
         if unknown.any() and not unknown.all():
             grid[unknown] = grid[~unknown].mean()

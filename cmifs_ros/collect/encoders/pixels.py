@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""From an image message to a small greyscale or depth image, by area averaging.
+"""From an image message to a small grey or depth image, by area averaging.
 
 Sums are of whole numbers or in a fixed order, so that live and recorded messages give the same.
 """
@@ -63,26 +63,55 @@ def bytes_of(data) -> np.ndarray:
     return np.asarray(data, np.uint8) if isinstance(data, list) else np.frombuffer(data, np.uint8)
 
 
-def raw_grid(message, size: int) -> np.ndarray:
-    """Return a sensor_msgs/Image as a square of averages.
+class Pixels(NamedTuple):
+    """The pixels of an image: numbers, shape (height, width * numbers of a pixel)."""
+
+    numbers: np.ndarray
+    layout: Layout
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Height and width."""
+        height, length = self.numbers.shape
+        return height, length // len(self.layout.weights)
+
+    def averages(self, shape: tuple[int, int]) -> np.ndarray:
+        """Return the averages of areas, as many as a shape has.
+
+        These are grey values, or depths in the unit of the message, NaN where no depth is known.
+        """
+        numbers, layout = self
+        known = np.ones(numbers.shape, bool)
+        if layout.is_depth:
+            known = np.isfinite(numbers) & (numbers > 0)
+            numbers = np.where(known, numbers, 0)
+        counts = _sums(known, len(layout.weights), shape)[..., 0]
+        with np.errstate(invalid='ignore'):
+            return _sums(numbers, len(layout.weights), shape) @ np.array(layout.weights) / counts
+
+
+def pixels_of(message, size: int) -> Pixels:
+    """Return the pixels of a sensor_msgs/Image or CompressedImage, JPEG or PNG.
+
+    The latter needs Pillow.
 
     Parameters
     ----------
     message : object
     size : int
-        Rows and columns of the square.
-
-    Returns
-    -------
-    numpy.ndarray, shape (size, size)
-        Grey values, or depths in the unit of the message; NaN where no depth is known.
+        Number of areas in a row or column over which they will be averaged at most: a compressed
+        image that is much larger may be decoded smaller.
 
     Raises
     ------
     ValueError
-        If the encoding is unknown, or the data are shorter than the image.
+        If the encoding is unknown, the data are shorter than the image, or cannot be decoded.
 
     """
+    return _raw(message) if hasattr(message, 'step') else _decompressed(message, size)
+
+
+def _raw(message) -> Pixels:
     layout = _LAYOUTS.get(message.encoding)
     if layout is None:
         raise ValueError(
@@ -98,11 +127,10 @@ def raw_grid(message, size: int) -> np.ndarray:
             f'in rows of {step}; expected {height} rows of at least {length} bytes'
         )
     rows = data[: height * step].reshape(height, step)[:, :length]
-    return _averages(np.ascontiguousarray(rows).view(kind), layout, size)
+    return Pixels(np.ascontiguousarray(rows).view(kind), layout)
 
 
-def compressed_grid(message, size: int) -> np.ndarray:
-    """Return a sensor_msgs/CompressedImage, JPEG or PNG, like `raw_grid`; it needs Pillow."""
+def _decompressed(message, size: int) -> Pixels:
     try:
         from PIL import Image
     except ImportError:
@@ -122,33 +150,22 @@ def compressed_grid(message, size: int) -> np.ndarray:
             f'({" ".join(str(error).split())[:100]}); expected JPEG or PNG'
         ) from None
     layout = Layout('u2', is_depth=True) if is_depth else Layout('u1')
-    return _averages(pixels.astype(layout.kind), layout, size)
+    return Pixels(pixels.astype(layout.kind), layout)
 
 
-def _averages(numbers: np.ndarray, layout: Layout, size: int) -> np.ndarray:
-    """Return the averages of areas, shape (size, size), from pixels, shape (height, width * n)."""
-    known = np.ones(numbers.shape, bool)
-    if layout.is_depth:
-        known = np.isfinite(numbers) & (numbers > 0)
-        numbers = np.where(known, numbers, 0)
-    counts = _sums(known, len(layout.weights), size)[..., 0]
-    with np.errstate(invalid='ignore'):
-        return _sums(numbers, len(layout.weights), size) @ np.array(layout.weights) / counts
+def _sums(numbers: np.ndarray, depth: int, shape: tuple[int, int]) -> np.ndarray:
+    """Return the sums over areas, shape (*shape, depth).
 
-
-def _sums(numbers: np.ndarray, depth: int, size: int) -> np.ndarray:
-    """Return the sums over areas, shape (size, size, depth).
-
-    The areas have whole pixels; if the image is smaller than the square, pixels are repeated.
+    The areas have whole pixels; if the image is smaller than the shape, pixels are repeated.
     """
     total = np.uint64 if numbers.dtype.kind in 'bu' else np.float64
     height, width = len(numbers), numbers.shape[1] // depth
-    rows = [numbers[area].sum(axis=0, dtype=total) for area in _areas(height, size)]
-    of_rows = np.stack(rows).reshape(size, width, depth)
-    return np.stack([of_rows[:, area].sum(axis=1) for area in _areas(width, size)], axis=1)
+    rows = [numbers[area].sum(axis=0, dtype=total) for area in _areas(height, shape[0])]
+    of_rows = np.stack(rows).reshape(shape[0], width, depth)
+    return np.stack([of_rows[:, area].sum(axis=1) for area in _areas(width, shape[1])], axis=1)
 
 
-def _areas(length: int, size: int) -> list[slice]:
-    begins = [i * length // size for i in range(size)]
-    ends = [(i + 1) * length // size for i in range(size)]
+def _areas(length: int, count: int) -> list[slice]:
+    begins = [i * length // count for i in range(count)]
+    ends = [(i + 1) * length // count for i in range(count)]
     return [slice(begin, max(end, begin + 1)) for begin, end in zip(begins, ends, strict=True)]
