@@ -36,14 +36,15 @@ class Space(NamedTuple):
 
 
 class _Fold(NamedTuple):
-    """What the other folds give, and the moments of the one left out."""
+    """A fold left out, in the directions (d, r) of the other folds' features."""
 
-    rows: np.ndarray
-    variances: np.ndarray
+    num_here: int
+    num_others: int
     directions: np.ndarray
-    mean: np.ndarray
-    gram: np.ndarray
-    total: np.ndarray
+    variances: np.ndarray  # (r,)
+    mean: np.ndarray  # of the others' features, (d,)
+    level: np.ndarray  # sum of this fold's features, (d,)
+    with_before: np.ndarray  # the fold's products of directions, doubled with those before, (r, r)
 
 
 class KernelRegression:
@@ -71,15 +72,24 @@ class KernelRegression:
     ):
         distances = squared_distances(points, points[centers])
         self._fixed = fixed
-        self._folds = [np.flatnonzero(folds == k) for k in range(folds.max() + 1)]
-        self._features = [
-            residual(
-                np.hstack([points, np.exp(distances / (-2 * width**2 * points.shape[1]))]), fixed
+        # Features are in the order of the folds, so that each of these is a slice.
+        self._order = np.argsort(folds, kind='stable')
+        ends = np.cumsum(np.bincount(folds))
+        self._folds = [slice(start, end) for start, end in zip([0, *ends[:-1]], ends, strict=True)]
+        self._features, self._spectra, self._left_out = [], [], []
+        for width in _WIDTHS:
+            bumps = np.exp(distances / (-2 * width**2 * points.shape[1]))
+            features = residual(np.hstack([points, bumps]), fixed)[self._order]
+            grams = [features[fold].T @ features[fold] for fold in self._folds]
+            total = np.sum(grams, axis=0)
+            self._features.append(features)
+            self._spectra.append(_spectrum(total / len(features)))
+            self._left_out.append(
+                [
+                    _without(features[fold], gram, total, len(features))
+                    for fold, gram in zip(self._folds, grams, strict=True)
+                ]
             )
-            for width in _WIDTHS
-        ]
-        self._spectra = [_spectrum(f.T @ f / len(f)) for f in self._features]
-        self._left_out = [[self._without(rows, f) for rows in self._folds] for f in self._features]
 
     def tuned(self, targets: np.ndarray) -> list[Space]:
         """Return the best space for each of the targets (N, k)."""
@@ -101,47 +111,59 @@ class KernelRegression:
         variances, directions = self._spectra[space.width]
         features = self._features[space.width]
         rank = min(_RANKS[space.rank], len(variances))
+        columns = np.empty((len(features), rank))
         scale = np.sqrt(len(features) * variances[:rank])
-        return np.hstack([self._fixed, features @ (directions[:, :rank] / scale)])
-
-    def _without(self, rows: np.ndarray, features: np.ndarray) -> _Fold:
-        part = features[rows]
-        gram, total, size = part.T @ part, part.sum(axis=0), len(features) - len(rows)
-        mean = -total / size  # The features have mean 0 over all rows.
-        others = (features.T @ features - gram) / size - np.outer(mean, mean)
-        return _Fold(rows, *_spectrum(others), mean, gram, total)
+        columns[self._order] = features @ (directions[:, :rank] / scale)
+        return np.hstack([self._fixed, columns])
 
     def _errors(self, targets: np.ndarray) -> np.ndarray:
         """Return the squared errors in folds left out, shape (widths, ranks, k)."""
-        targets = residual(targets, self._fixed)
+        targets = residual(targets, self._fixed)[self._order]
+        parts = [targets[fold] for fold in self._folds]
+        squares = [(part**2).sum(axis=0) for part in parts]
+        levels = [part.sum(axis=0) for part in parts]
         errors = np.zeros((len(_WIDTHS), len(_RANKS), targets.shape[1]))
-        for w, (features, folds) in enumerate(zip(self._features, self._left_out, strict=True)):
-            moments = features.T @ targets
-            for fold in folds:
-                errors[w] += self._fold_errors(features, targets, moments, fold)
+        for w, (features, left_out) in enumerate(zip(self._features, self._left_out, strict=True)):
+            moments = [
+                features[fold].T @ part for fold, part in zip(self._folds, parts, strict=True)
+            ]
+            total = np.sum(moments, axis=0)
+            for fold, *here in zip(left_out, moments, squares, levels, strict=True):
+                errors[w] += _errors_of_ranks(fold, total, *here)
         return errors
-
-    def _fold_errors(self, features, targets, moments, fold: _Fold) -> np.ndarray:
-        """Return the squared errors of all ranks in one fold, shape (ranks, k)."""
-        here = targets[fold.rows]
-        num_here, num_others = len(here), len(targets) - len(here)
-        moment, level = features[fold.rows].T @ here, here.sum(axis=0)
-        mean = -level / num_others  # So do the targets.
-        slopes = fold.directions.T @ ((moments - moment) / num_others - np.outer(fold.mean, mean))
-        slopes /= fold.variances[:, None]
-        # The prediction is mean + (features - fold.mean) directions slopes.
-        shift = np.outer(fold.total, fold.mean)
-        gram = fold.gram - shift - shift.T + num_here * np.outer(fold.mean, fold.mean)
-        gram = fold.directions.T @ gram @ fold.directions
-        cross = moment - np.outer(fold.total, mean) - np.outer(fold.mean, level - num_here * mean)
-        cross = fold.directions.T @ cross
-        # One direction after another: its square, twice its products with those before, its moment.
-        with_before = 2 * np.tril(gram, -1) @ slopes + gram.diagonal()[:, None] * slopes
-        changes = np.vstack([((here - mean) ** 2).sum(axis=0), slopes * (with_before - 2 * cross)])
-        return changes.cumsum(axis=0)[np.minimum(_RANKS, len(slopes))]
 
     def _best(self, errors: np.ndarray) -> Space:
         return Space(*divmod(int(errors.argmin()), len(_RANKS)))
+
+
+def _without(features: np.ndarray, gram: np.ndarray, total: np.ndarray, size: int) -> _Fold:
+    """Return a fold of features (n, d) with its Gram matrix; that of all, `size`, is given."""
+    num_here, num_others = len(features), size - len(features)
+    level = features.sum(axis=0)
+    mean = -level / num_others  # The features have mean 0 over all rows.
+    variances, directions = _spectrum((total - gram) / num_others - np.outer(mean, mean))
+    shift = np.outer(level, mean)
+    gram = directions.T @ (gram - shift - shift.T + num_here * np.outer(mean, mean)) @ directions
+    with_before = 2 * np.tril(gram, -1) + np.diag(gram.diagonal())
+    return _Fold(num_here, num_others, directions, variances, mean, level, with_before)
+
+
+def _errors_of_ranks(fold: _Fold, total, moment, squares, level) -> np.ndarray:
+    """Return the squared errors in a fold by the number of directions, shape (ranks, k).
+
+    Given are the moments of features and targets in all folds, and the targets in this one: their
+    moments, squares and sum.
+    """
+    mean = -level / fold.num_others  # The targets have mean 0 over all rows, too.
+    slopes = fold.directions.T @ ((total - moment) / fold.num_others - np.outer(fold.mean, mean))
+    slopes /= fold.variances[:, None]
+    # The prediction is mean + (features - fold.mean) directions slopes.
+    own = level - fold.num_here * mean
+    cross = fold.directions.T @ (moment - np.outer(fold.level, mean) - np.outer(fold.mean, own))
+    # One direction after another: its square, twice its products with those before, its moment.
+    changes = slopes * (fold.with_before @ slopes - 2 * cross)
+    first = squares - mean * (2 * level - fold.num_here * mean)
+    return np.vstack([first, changes]).cumsum(axis=0)[np.minimum(_RANKS, len(slopes))]
 
 
 def residual(targets: np.ndarray, basis: np.ndarray) -> np.ndarray:
