@@ -79,11 +79,11 @@ class ConditionalMISelector(SensorSelector):
     ----------
     pvalues_ : numpy.ndarray, shape (S,)
         For each of the S ranked sensors, the p-value of the hypothesis that it is uninformative
-        given the selected ones, corrected for the number of candidates.
+        given the confirmed ones, corrected for the number of candidates.
     statuses_ : list of str
         One of `STATUSES` for each ranked sensor.
     effects_ : list of Effect
-        What each sensor adds to what the other selected sensors predict of the target.
+        What each sensor adds to what the other confirmed sensors predict of the target.
     why_ : list of str
         The variable of the target for which the evidence for each sensor is strongest.
     predicted_share_, predicted_share_of_all_ : float

@@ -24,7 +24,7 @@ _MAX_COMPARED = 10
 
 
 class EvidenceRanking(NamedTuple):
-    """Ranked sensors, the selected ones first.
+    """Ranked sensors, those with evidence first.
 
     Attributes
     ----------
@@ -94,18 +94,15 @@ def rank_by_evidence(
         else:
             ranking, scores = backward_elimination(criterion, sensors)
             confirmed = search.tested(ranking[: int(np.argmax(scores)) + 1])
-        if num_features is None:
-            selected, others = confirmed, search.listed(confirmed)
-        else:
-            selected = confirmed[:num_features]
-            others = search.ranked(selected, num_features - len(selected))
-        findings = [*selected, *search.with_redundant(confirmed, others)]
-        num_selected = len(selected) if num_features is None else num_features
+        confirmed = confirmed[:num_features]
+        wanted = None if num_features is None else num_features - len(confirmed)
+        others = [] if wanted == 0 else search.listed(confirmed)[:wanted]
+        findings = [*confirmed, *others]
         found = verdicts(
             test,
             sensors,
             findings,
-            num_selected,
+            len(confirmed),
             num_episodes=int(samples.owner[-1]) + 1,
             confirmed_before=start,
             significance=significance,
@@ -113,14 +110,14 @@ def rank_by_evidence(
         )
         dispensable = {
             finding.sensor
-            for finding, verdict in zip(findings[:num_selected], found, strict=False)
+            for finding, verdict in zip(confirmed, found, strict=False)
             if verdict.status == DISPENSABLE
         }
         if dispensable.isdisjoint(start):
             break
         start = [sensor for sensor in start if sensor not in dispensable]
-    # Others than the selected are scored together with all of these.
-    before = [findings[: min(i, num_selected)] for i in range(len(findings))]
+    # Others than the confirmed are scored together with all of these.
+    before = [findings[: min(i, len(confirmed))] for i in range(len(findings))]
     null = null_scores(
         lambda extended: make_criterion(extended, num_bins),
         samples,
@@ -128,4 +125,5 @@ def rank_by_evidence(
         [[c for f in rest for c in f.channels] for rest in before],
         np.random.default_rng(rng_seed),
     )
+    num_selected = len(confirmed) if num_features is None else num_features
     return EvidenceRanking(findings, found, null, num_selected)

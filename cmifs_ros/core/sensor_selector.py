@@ -40,8 +40,8 @@ class SensorSelector(ABC):
     ranking_ : numpy.ndarray of int
         Indices of the ranked sensors, best first; without groups, a sensor is a channel.
     scores_ : numpy.ndarray, same length
-        The criterion of the first 1, 2, ... selected sensors together. For a sensor that is not
-        selected: of this sensor together with all selected ones. No sensor at all scores 0.
+        The criterion of the first 1, 2, ... sensors together. For a sensor without evidence, if the
+        method has a test: of this sensor together with all that have. No sensor at all scores 0.
     sensor_names_ : tuple of str
         Names of the sensors that `ranking_` indexes.
     sensor_channels_ : tuple of tuple of int

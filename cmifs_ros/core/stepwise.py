@@ -95,14 +95,6 @@ class StepwiseSelection:
         chosen = [Finding(i, self._sensors[i], 0.0, pvalue=0.0) for i in sensors]
         return self._scored(self._without_superfluous(chosen, num_candidates=len(self._sensors)))
 
-    def ranked(self, chosen: Sequence[Finding], count: int) -> list[Finding]:
-        """Return at most `count` of the other sensors, each tested given those before."""
-        taken = list(chosen)
-        while len(taken) < len(chosen) + count and (left := self._left(taken)):
-            likely = self._candidates(left, taken, _LEAST_LIKELY)
-            taken.append((likely or self._candidates(left, taken))[0])
-        return taken[len(chosen) :]
-
     def listed(self, chosen: Sequence[Finding]) -> list[Finding]:
         """Return all other sensors, each scored and tested with the chosen ones.
 
@@ -116,21 +108,12 @@ class StepwiseSelection:
                 break
             added.append(likely[0])
         place = {finding.sensor: i for i, finding in enumerate(added)}
-        others = self._candidates(self._left(chosen), chosen)
+        redundant_with = self._redundant_with(chosen)
+        others = [
+            finding._replace(redundant_with=redundant_with.get(finding.sensor, ()))
+            for finding in self._candidates(self._left(chosen), chosen)
+        ]
         return sorted(others, key=lambda finding: place.get(finding.sensor, len(place)))
-
-    def with_redundant(
-        self, confirmed: Sequence[Finding], others: Sequence[Finding]
-    ) -> list[Finding]:
-        """Return the other findings, each with the confirmed sensors it is redundant with."""
-        replaced: dict[int, tuple[int, ...]] = {}
-        for place, finding in enumerate(confirmed):
-            rest = [*confirmed[:place], *confirmed[place + 1 :]]
-            level = _STRONG * self._significance / self._num_left(rest)
-            for sensor, pvalue in self._evidence(self._left(confirmed), rest)[0].items():
-                if pvalue <= level:
-                    replaced[sensor] = (*replaced.get(sensor, ()), finding.sensor)
-        return [f._replace(redundant_with=replaced.get(f.sensor, ())) for f in others]
 
     def _units(self, sensor: int) -> list[Sensor]:
         channels = self._sensors[sensor]
@@ -250,6 +233,17 @@ class StepwiseSelection:
             finding._replace(pvalue=max(pvalue, finding.pvalue))
             for finding, pvalue in zip(chosen, given_rest[: len(chosen)], strict=True)
         ]
+
+    def _redundant_with(self, confirmed: Sequence[Finding]) -> dict[int, tuple[int, ...]]:
+        """Return the confirmed sensors that other sensors are redundant with, by these."""
+        replaced: dict[int, tuple[int, ...]] = {}
+        for place, finding in enumerate(confirmed):
+            rest = [*confirmed[:place], *confirmed[place + 1 :]]
+            level = _STRONG * self._significance / self._num_left(rest)
+            for sensor, pvalue in self._evidence(self._left(confirmed), rest)[0].items():
+                if pvalue <= level:
+                    replaced[sensor] = (*replaced.get(sensor, ()), finding.sensor)
+        return replaced
 
     def _scored(self, chosen: list[Finding]) -> list[Finding]:
         """Return the findings, each with its score together with those before it."""

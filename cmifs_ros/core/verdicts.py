@@ -24,7 +24,7 @@ class Verdict(NamedTuple):
     status : str
         One of `STATUSES`.
     effect : Effect
-        What it adds to the prediction by the selected sensors.
+        What it adds to the prediction by the other confirmed sensors.
     why : str
         The variable of the target for which the evidence is strongest.
     together_with : tuple of int
@@ -43,28 +43,28 @@ def verdicts(
     test: TargetTest,
     sensors: Sequence[Sensor],
     findings: Sequence[Finding],
-    num_selected: int,
+    num_confirmed: int,
     *,
     num_episodes: int,
     confirmed_before: Collection[int],
     significance: float,
     margin: float,
 ) -> list[Verdict]:
-    """Return a verdict on each finding; the first `num_selected` are selected.
+    """Return a verdict on each finding; the first `num_confirmed` have evidence.
 
     Sensors confirmed before stay confirmed unless they are dispensable now. A sensor is dispensable
     if it is not confirmed and, with 95 % confidence, adds less than `margin` of the target's
     variance, and so do its products with other unconfirmed sensors: two may matter only together.
     With fewer than `FEWEST_EPISODES` episodes none is dispensable.
     """
-    selected = list(findings[:num_selected])
-    given = [c for finding in selected for c in finding.channels]
+    confirmed = list(findings[:num_confirmed])
+    given = [c for finding in confirmed for c in finding.channels]
     found = []
-    for finding in selected:
-        others = [c for other in selected if other is not finding for c in other.channels]
+    for finding in confirmed:
+        others = [c for other in confirmed if other is not finding for c in other.channels]
         (effect,) = test.effects([sensors[finding.sensor]], others)
         found.append((finding, effect, others))
-    rest = findings[num_selected:]
+    rest = findings[num_confirmed:]
     effects = test.effects([sensors[f.sensor] for f in rest], given) if rest else []
     found += [(f, effect, given) for f, effect in zip(rest, effects, strict=True)]
     unconfirmed = {f.sensor: effect for f, effect, _ in found if f.pvalue > significance}
@@ -72,7 +72,7 @@ def verdicts(
     small = small if num_episodes >= FEWEST_EPISODES else set()
     partners = _partners(test, sensors, list(unconfirmed), given, margin) if small else {}
     dispensable = small - partners.keys()
-    kept = {f.sensor for f in selected} & set(confirmed_before)
+    kept = {f.sensor for f in confirmed} & set(confirmed_before)
 
     def status(finding):
         if finding.sensor in dispensable:
