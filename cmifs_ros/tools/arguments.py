@@ -75,13 +75,21 @@ def home_path(text: str) -> Path:
 
 
 def file_to_write(text: str) -> Path:
-    """Parse the name of a file to write; neither it nor its folder need exist."""
+    """Parse the name of a file to write or replace; neither it nor its folder need exist."""
     path = home_path(text)
     if path.is_dir():
         raise argparse.ArgumentTypeError(
             f'{text} is a folder; expected the name of a file, as in {path / "NAME"}'
         )
     folder_to_write(str(path.parent))
+    return path
+
+
+def new_file(text: str) -> Path:
+    """Parse the name of a file that must not exist, because it could not be made again."""
+    path = file_to_write(text)
+    if os.path.lexists(path):
+        raise argparse.ArgumentTypeError(f'{text} exists; expected the name of a new file')
     return path
 
 

@@ -13,7 +13,7 @@ from cmifs_ros.collect.recorded_episodes import RecordingError
 from cmifs_ros.collect.recording import robot_file_of_recording
 from cmifs_ros.collect.robot_file.template import robot_file_of_topics
 
-from .arguments import file_to_write, home_path, number_from
+from .arguments import home_path, new_file, number_from
 from .bags import bag_opener
 from .program import CommandError, exit_code
 
@@ -35,7 +35,7 @@ def main(arguments: list[str] | None = None, program: str = 'make_robot_file') -
     )  # fmt: skip
     parser.add_argument(
         '--out',
-        type=file_to_write,
+        type=new_file,
         metavar='FILE',
         help='file to create (default: print to the terminal)',
     )
@@ -55,8 +55,6 @@ def _run(options: argparse.Namespace) -> None:
         options.out.parent.mkdir(parents=True, exist_ok=True)
         with options.out.open('x') as file:
             file.write(text)
-    except FileExistsError:
-        raise CommandError(f'{options.out} exists; expected the name of a new file') from None
     except (RecordingError, OSError) as error:
         raise CommandError(str(error)) from error
     has_ros2 = shutil.which('ros2')  # The nodes run without it, too.

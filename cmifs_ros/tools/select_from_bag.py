@@ -32,7 +32,7 @@ from cmifs_ros.core.selection import Selection, select
 from cmifs_ros.core.targets import ACTION, RETURN, TARGETS
 from cmifs_ros.core.words import counted, first, listed
 
-from .arguments import between, file_to_write, folder_to_write, home_path, number_from
+from .arguments import between, file_to_write, folder_to_write, home_path, new_file, number_from
 from .bags import bag_opener
 from .program import CommandError, exit_code
 
@@ -54,7 +54,7 @@ def main(arguments: list[str] | None = None, program: str = 'select_from_bag') -
         help='folder for selection.json and selection.png (default: the current one)',
     )  # fmt: skip
     parser.add_argument(
-        '--episodes-file', type=file_to_write, metavar='FILE',
+        '--episodes-file', type=new_file, metavar='FILE',
         help='write the episodes and the selection for a selector node (its episodes_path)',
     )  # fmt: skip
     parser.add_argument(

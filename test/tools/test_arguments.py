@@ -27,6 +27,8 @@ def here(tmp_path, monkeypatch):
             'file is not a folder; expected a folder',
         ),
         (select_from_bag.main, ['bag', '--episodes-file', '.'], '. is a folder; expected the name'),
+        (select_from_bag.main, ['bag', '--episodes-file', 'file'], 'file exists; expected'),
+        (make_robot_file.main, ['--out', 'file'], 'file exists; expected the name of a new file'),
     ],
 )
 @pytest.mark.usefixtures('here')

@@ -483,14 +483,6 @@ def test_what_to_do_with_a_robot_file_is_told(tmp_path, monkeypatch, capsys, fou
     assert f', then run: {then} {tmp_path / "bag"} --robot {out}\n' in capsys.readouterr().out
 
 
-def test_a_robot_file_is_not_written_over_another(tmp_path, robot, capsys):
-    write_bag(tmp_path / 'bag', 10)
-    assert make_robot_file(['--bag', str(tmp_path / 'bag'), '--out', robot]) == 1
-    assert 'exists; expected the name of a new file' in capsys.readouterr().err
-    with open(robot) as file:
-        assert file.read() == ROBOT
-
-
 def test_states_and_rewards_are_known_by_their_stamps_in_a_long_bag_too(tmp_path, capsys):
     """The recorder heard the states first: no two messages have the same place in their topics."""
     rng = np.random.default_rng(0)
