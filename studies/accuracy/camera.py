@@ -2,9 +2,9 @@
 
 """How often a camera is confirmed beside joint states, and when it should not be.
 
-Three robots: an arm whose pictures are drawn, and two of MuJoCo whose pictures are rendered. In
-some recordings the joint states hide what the camera shows, in others they say it as well, or the
-camera is that of another robot.
+Three robots: an arm whose pictures are drawn, and two of MuJoCo whose pictures are rendered, of
+which one is encoded in two ways. In some recordings the joint states hide what the camera shows, in
+others they say it as well, or the camera is that of another robot.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ def run(options: argparse.Namespace) -> None:
     except (OSError, ValueError) as error:
         raise CommandError(str(error)) from error
     for robot in options.robots:
-        if missing := what_is_missing(robot):
+        if robot in SCENES and (missing := what_is_missing(SCENES[robot].environment)):
             raise CommandError(f'{robot}: {missing}')
     last = options.first_seed + options.trials - 1
     wanted = [
