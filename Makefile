@@ -32,11 +32,11 @@ export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 ifdef ROS_DISTRO
 VENV := .venv-ros
 # No peers and no frames: they require NumPy 2, which does not work with Ubuntu's compiled packages.
-GROUPS := build run bags tables test tasks lint
+GROUPS := build run bags tables videos test tasks lint
 PYTHON ?= python3
 else
 VENV := .venv
-GROUPS := ros build run bags tables frames test tasks peers lint
+GROUPS := ros build run bags tables videos frames test tasks peers lint
 # The first of these that runs and is supported; ROS 2 Jazzy's own Python comes first.
 PYTHON ?= $(shell for p in python3.12 "$$(pyenv prefix 3.12 2>/dev/null)/bin/python3.12" \
 	python3.13 python3.11 python3.10 python3; do \

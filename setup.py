@@ -53,6 +53,7 @@ setup(
         'tasks': ['gymnasium[mujoco]>=1.0', 'ir-sim'],
         'test': ['pytest', 'hypothesis', 'pexpect'],
         'threads': ['threadpoolctl'],
+        'videos': ['av'],
     },
     zip_safe=True,
     maintainer='cmifs_ros maintainers',

@@ -31,6 +31,7 @@ KEYS = {
 #: what pip calls it.
 OPTIONAL = {
     'PIL': ('images', 'pillow'),
+    'av': ('videos', 'av'),
     'distributed': ('cluster', 'distributed'),
     'ennemi': ('peers', 'ennemi'),
     'gymnasium': ('tasks', 'gymnasium'),
@@ -83,6 +84,7 @@ def test_core_sim_and_collect_know_no_ros():
             'h5py',
             'pyulog',
             'PIL',
+            'av',
         },
     }
     for folder, packages in allowed.items():

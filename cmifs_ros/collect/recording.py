@@ -18,7 +18,7 @@ from .robot_file.template import robot_file_of_bag, robot_file_of_topics
 from .sampled_episodes import SampledEpisodes
 from .sampling.bag_reader import OpenBag, open_bag, unwatched
 from .sampling.event_order import SECOND
-from .tables import arrow, hdf5, lerobot, ulog
+from .tables import arrow, hdf5, lerobot, lerobot_info, ulog
 from .tables.observed import observed
 from .tables.table import Table
 from .traffic import Traffic
@@ -36,11 +36,11 @@ def recordings_in(path: Path, robot: RobotFile | None = None) -> list[Path]:
 
     With a robot file, the tables in a folder are one recording.
     """
-    if not path.is_dir() or _is_bag(path) or (path / lerobot.INFO).exists():
+    if not path.is_dir() or _is_bag(path) or (path / lerobot_info.INFO).exists():
         return [path]
     files = [file for file in path.rglob('*') if file.is_file()]
     found = {file.parent for file in files if file.name == _METADATA}
-    found |= {file.parents[1] for file in path.rglob(str(lerobot.INFO))}
+    found |= {file.parents[1] for file in path.rglob(str(lerobot_info.INFO))}
     suffixes = _BAGS + hdf5.SUFFIXES + ulog.SUFFIXES + (arrow.SUFFIXES if robot is None else ())
     found |= {f for f in files if f.suffix in suffixes and found.isdisjoint(f.parents)}
     return sorted(found, key=lambda one: hdf5.natural(str(one))) or [path]
@@ -68,7 +68,8 @@ def episodes_of_recording(
         Without one, each row is a step; columns are named as in LeRobot, data sets as in Minari,
         robomimic or D4RL. For bags see `episodes_of_bag`.
     watch : callable, optional
-        Wraps the iterable of messages, given their number, to display progress.
+        Wraps the iterable of messages, or frames of videos, given their number, to display
+        progress.
     open_bag : callable, optional
         Opens bags, in place of rosbags.
 
@@ -88,7 +89,7 @@ def episodes_of_recording(
     if _is_bag(path):
         return episodes_of_bag(path, robot, watch, open_bag)
     if robot is None:
-        return _steps_in(path)
+        return _steps_in(path, watch)
     with _tables_in(path) as tables:
         return _sampled(path, tables, robot, watch)
 
@@ -113,7 +114,7 @@ def robot_file_of_recording(
     """
     if not path.exists() or _is_bag(path):
         return robot_file_of_bag(path, watch, open_bag)
-    if (path / lerobot.INFO).exists():
+    if (path / lerobot_info.INFO).exists():
         raise RecordingError(f'{path} is a data set of LeRobot; it needs no robot file')
     bags = [one for one in recordings_in(path, None) if _is_bag(one)]
     if bags:
@@ -130,15 +131,15 @@ def _seconds(tables: Iterable[Table]) -> float:
     return (max(t.max() for t in known) - min(t.min() for t in known)) / SECOND if known else 0.0
 
 
-def _steps_in(path: Path) -> RecordedEpisodes:
+def _steps_in(path: Path, watch: Callable[[Iterable, int], Iterable]) -> RecordedEpisodes:
     if path.is_file() and path.suffix in hdf5.SUFFIXES:
         with hdf5.opened(path) as file:
             return hdf5.steps_in(path, file)
     if path.is_file() and path.suffix in ulog.SUFFIXES:
         raise RecordingError(f'{path} holds messages; expected a robot file (--robot) for it')
-    if (path / lerobot.INFO).exists():
-        table = arrow.read_all(path, arrow.files_in(path / lerobot.DATA))
-        return lerobot.steps_in(path, table, lerobot.read_info(path))
+    if (path / lerobot_info.INFO).exists():
+        table = arrow.read_all(path, arrow.files_in(path / lerobot_info.DATA))
+        return lerobot.steps_in(path, table, lerobot_info.read_info(path), watch)
     if path.is_file() and path.suffix in arrow.SUFFIXES:
         return lerobot.steps_in(path, arrow.read(path))
     raise RecordingError(f'{path} is not a recording; {_EXPECTED}')

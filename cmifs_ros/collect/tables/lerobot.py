@@ -4,62 +4,50 @@
 
 `observation.*` are the states, `action` or `action.*` the actions; `next.reward` is the reward. If
 it is missing, the last step has the success of the episode as its reward. `episode_index` separates
-the episodes, or `next.done` marks their ends.
+the episodes, or `next.done` marks their ends. Videos of a folder are encoded as images.
 """
 
 from __future__ import annotations
 
-import json
-from collections.abc import Container, Mapping
-from pathlib import Path
-from typing import NamedTuple
+from collections.abc import Callable, Container, Iterable, Mapping
+from functools import partial
 
 import numpy as np
 
+from cmifs_ros.collect.encoders import Image
 from cmifs_ros.collect.recorded_episodes import RecordedEpisodes, RecordingError
+from cmifs_ros.collect.sampling.bag_reader import unwatched
 from cmifs_ros.core.words import first
 
+from . import videos
 from .arrow import pyarrow
+from .lerobot_info import Info
 from .steps import WHOLE, Names, Steps, episodes_of_steps
 
 _STATE, _ACTION = 'observation', 'action'
 _EPISODE, _FRAME, _DONE = 'episode_index', 'frame_index', 'next.done'
-_REWARD, _SUCCESS = 'next.reward', 'next.success'
-_PICTURES = ('video', 'image')
-#: Where a data set keeps the names of its numbers, and its tables.
-INFO, DATA = Path('meta/info.json'), Path('data')
+_REWARD, _SUCCESS, _TIME = 'next.reward', 'next.success', 'timestamp'
+#: What a column of pictures is called in the metadata, in files of videos or in the table.
+_VIDEO, _IMAGE = 'video', 'image'
 
 
-class Info(NamedTuple):
-    """The metadata of a data set.
-
-    Attributes
-    ----------
-    features : dict
-        By column, its `dtype` and `names`.
-    step_seconds : float
-        NaN if unknown.
-
-    """
-
-    features: Mapping[str, dict] = {}
-    step_seconds: float = float('nan')
-
-
-def read_info(folder: Path) -> Info:
-    """Read a data set's `INFO`; raise RecordingError if it is invalid."""
-    try:
-        about = json.loads((folder / INFO).read_text())
-        return Info(dict(about['features']), 1 / about['fps'] if about.get('fps') else float('nan'))
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise RecordingError(
-            f'{folder / INFO} cannot be read ({type(error).__name__}: {error}); expected the file '
-            'that LeRobot writes, with features'
-        ) from error
-
-
-def steps_in(path, table, info: Info | None = None) -> RecordedEpisodes:
+def steps_in(
+    path,
+    table,
+    info: Info | None = None,
+    watch: Callable[[Iterable, int], Iterable] = unwatched,
+) -> RecordedEpisodes:
     """Return the episodes of an Arrow table of steps.
+
+    Parameters
+    ----------
+    path : object
+        For messages.
+    table : pyarrow.Table
+    info : Info, optional
+        The metadata, if it is of a data set's folder.
+    watch : callable, optional
+        Wraps the iterable of the frames of a video, given their number, to display progress.
 
     Raises
     ------
@@ -72,7 +60,7 @@ def steps_in(path, table, info: Info | None = None) -> RecordedEpisodes:
     columns = _Columns(path, table)
     states, actions = columns.below(_STATE), columns.below(_ACTION)
     found = _episodes(columns)
-    if not states or found is None:
+    if found is None or not (states or info.columns(_VIDEO)):
         raise RecordingError(
             f'{path} has the columns {first(table.column_names)}; expected {_STATE}.* of numbers '
             f'and {_EPISODE} or {_DONE}, as LeRobot has them, or a robot file (--robot) if its '
@@ -80,27 +68,56 @@ def steps_in(path, table, info: Info | None = None) -> RecordedEpisodes:
         )
     rewards, success = columns.numbers(_REWARD), columns.numbers(_SUCCESS)
     frames = columns.numbers(_FRAME)
-    parts, num_gaps = [], 0
-    for name, rows in found.items():
-        if frames is not None and (frames[rows] != np.arange(len(rows))).any():
-            num_gaps += 1
-            continue
-        parts.append(
-            Steps(
-                name,
-                {key: values[rows] for key, values in states.items()},
-                {key: values[rows] for key, values in actions.items()},
-                _rewards(rewards, success, rows),
-            )
+    whole = {
+        number: rows
+        for number, rows in found.items()
+        if frames is None or (frames[rows] == np.arange(len(rows))).all()
+    }
+    of_states = _names(info, _STATE)
+    pictures: dict[str, dict[int, Callable[[int], np.ndarray]]] = {}
+    for column in info.columns(_VIDEO):
+        key = _key(column, _STATE, info.features) or column
+        try:
+            states[key], pictures[key] = _encoded(info, column, columns, whole, watch)
+            of_states[key] = list(Image().suffixes)
+        except RecordingError as error:
+            columns.unreadable[column] = str(error)
+    if not states:
+        raise RecordingError(f'{path} has no states: {"; ".join(columns.unreadable.values())}')
+    parts = [
+        Steps(
+            f'episode {number}',
+            {key: values[rows] for key, values in states.items()},
+            {key: values[rows] for key, values in actions.items()},
+            _rewards(rewards, success, rows),
+            {key: of_episodes[number] for key, of_episodes in pictures.items()},
         )
-    pictures = [key for key, said in info.features.items() if said.get('dtype') in _PICTURES]
-    names = Names('state', _names(info, _STATE), _names(info, _ACTION))
+        for number, rows in whole.items()
+    ]
+    num_gaps = len(found) - len(whole)
     return episodes_of_steps(
-        path, parts, names, f'no column {_REWARD} or {_SUCCESS}',
+        path, parts, Names('state', of_states, _names(info, _ACTION)),
+        f'no column {_REWARD} or {_SUCCESS}',
         {f'episodes of which {_FRAME} misses a step': num_gaps} if num_gaps else {},
         step_seconds=info.step_seconds, num_open_steps=len(table) - sum(map(len, found.values())),
-        unreadable=columns.unreadable | dict.fromkeys(pictures, 'images are not read'),
+        unreadable=columns.unreadable | dict.fromkeys(info.columns(_IMAGE), 'images are not read'),
     )  # fmt: skip
+
+
+def _encoded(
+    info: Info,
+    column: str,
+    columns: _Columns,
+    rows: Mapping[int, np.ndarray],
+    watch: Callable[[Iterable, int], Iterable],
+) -> tuple[np.ndarray, dict[int, Callable[[int], np.ndarray]]]:
+    """Return the encoded frames of a video column, and by episode what returns its pictures."""
+    times = columns.complete(_TIME)
+    if times is None:
+        raise RecordingError(f'its frames have no times: there is no column {_TIME}')
+    shots = info.shots(column, rows)
+    values = videos.encoded(shots, rows, times, Image(), watch)
+    return values, {n: partial(videos.picture, shots[n], times[rows[n]]) for n in rows}
 
 
 class _Columns:
@@ -178,20 +195,19 @@ def _key(name: str, start: str, names: Container[str]) -> str | None:
     return name[len(start) + 1 :] if name.startswith(f'{start}.') else None
 
 
-def _episodes(columns: _Columns) -> dict[str, np.ndarray] | None:
-    """Return the rows of each complete episode by name; None if no column separates them."""
+def _episodes(columns: _Columns) -> dict[int, np.ndarray] | None:
+    """Return the rows of each complete episode by number; None if no column separates them."""
     numbers, frames = columns.complete(_EPISODE), columns.numbers(_FRAME)
     if numbers is not None:
         order = np.lexsort((np.arange(len(numbers)) if frames is None else frames, numbers))
         found, begins = np.unique(numbers[order], return_index=True)
         rows = np.split(order, begins)[1:]
-        return {f'{_EPISODE} {n:g}': part for n, part in zip(found, rows, strict=True)}
+        return {int(number): part for number, part in zip(found, rows, strict=True)}
     done = columns.complete(_DONE)
     if done is None:
         return None
     ends = np.flatnonzero(done) + 1
-    parts = np.split(np.arange(len(done)), ends)[: len(ends)]
-    return {f'episode {i}': part for i, part in enumerate(parts)}
+    return dict(enumerate(np.split(np.arange(len(done)), ends)[: len(ends)]))
 
 
 def _rewards(

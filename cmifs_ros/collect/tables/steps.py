@@ -9,8 +9,9 @@ is a single vector, each of its numbers is a sensor, named by the recording if p
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
@@ -36,6 +37,8 @@ class Steps:
     states, actions : dict of str to numpy.ndarray, shape (T,) or (T, n)
         The parts of a state or an action by key.
     rewards : numpy.ndarray, shape (T,), or None
+    pictures : dict of str to callable
+        By key of a camera, what returns a small grey picture at a step.
 
     """
 
@@ -43,6 +46,7 @@ class Steps:
     states: Mapping[str, np.ndarray]
     actions: Mapping[str, np.ndarray]
     rewards: np.ndarray | None
+    pictures: Mapping[str, Callable[[int], np.ndarray]] = field(default_factory=dict)
 
     def __len__(self) -> int:
         """Return the number of steps T."""
@@ -58,7 +62,7 @@ class Names:
     state : str
         Name, with an index, for unnamed numbers of a single state vector.
     of_states, of_actions : mapping of str to sequence of str
-        Names of the numbers by key, if given.
+        Names of the numbers by key, if given; an index such as `[0,1]` is a name, too.
 
     """
 
@@ -115,6 +119,7 @@ def episodes_of_steps(
     if problem:
         raise RecordingError(f'{path} has {problem}')
     episodes, counts = [], Counter[str](dropped)
+    pictures: dict[str, list[Callable[[int], np.ndarray]]] = {key: [] for key in parts[0].pictures}
     for part, state, action in zip(parts, states, actions, strict=True):
         missing = _not_finite(state, channels) + _not_finite(action, action_names)
         if part.rewards is not None:
@@ -123,10 +128,19 @@ def episodes_of_steps(
             counts[f'episodes in which {listed(missing)} is not a finite number'] += 1
         else:
             episodes.append(Episode(state, part.rewards, action))
+            for key, of_episode in part.pictures.items():
+                pictures[key].append(of_episode)
     return RecordedEpisodes(
         tuple(channels), episodes, sum(map(len, states)), tuple(action_names), dropped=counts,
-        unit='step', no_rewards='' if parts[0].rewards is not None else no_rewards, **about,
+        unit='step', no_rewards='' if parts[0].rewards is not None else no_rewards,
+        cameras={key: partial(_pictures, of_key) for key, of_key in pictures.items()}, **about,
     )  # fmt: skip
+
+
+def _pictures(
+    of_episodes: Sequence[Callable[[int], np.ndarray]], steps: Sequence[tuple[int, int]]
+) -> list[np.ndarray]:
+    return [of_episodes[episode](step) for episode, step in steps]
 
 
 def _sizes(values: Mapping[str, np.ndarray]) -> dict[str, int]:
@@ -156,10 +170,14 @@ def _shown(sizes: Mapping[str, int]) -> str:
 def _channel_names(key: str, size: int, names: Names) -> list[str]:
     given = names.of_states.get(key, ())
     if len(given) == size:
-        return [name if key == WHOLE else f'{key}.{name}' for name in given]
+        return [name if key == WHOLE else _member(key, name) for name in given]
     if key == WHOLE:
         return [f'{names.state}_{i}' for i in range(size)]
     return [key] if size == 1 else [f'{key}[{i}]' for i in range(size)]
+
+
+def _member(key: str, name: str) -> str:
+    return key + name if name.startswith('[') else f'{key}.{name}'
 
 
 def _action_names(key: str, size: int, names: Names) -> list[str]:

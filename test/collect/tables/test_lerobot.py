@@ -53,7 +53,7 @@ def write(folder, columns, version, names=('x', 'y')):
     features = {key: {'dtype': 'float32', 'names': None} for key in columns}
     features['observation.state'] = {'dtype': 'float32', 'names': names}
     features['action'] = {'dtype': 'float32', 'names': {'motors': ['x', 'y']}}
-    features['observation.images.wrist'] = {'dtype': 'video', 'names': ['height', 'width', 'rgb']}
+    features['observation.images.wrist'] = {'dtype': 'image', 'names': ['height', 'width', 'rgb']}
     numbers = columns['episode_index']
     if version == 'v2.1':
         files = {f'episode_{n:06d}': numbers == n for n in np.unique(numbers)}
