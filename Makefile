@@ -21,6 +21,7 @@ LOOP ?=
 SOAK ?=
 ROBOT ?=
 SORTING ?=
+GRAVEL ?=
 LOAD ?=
 SAVING ?=
 unexport PYTHONDONTWRITEBYTECODE
@@ -48,7 +49,7 @@ ENTER := . $(VENV)/bin/activate && { [ ! -f install/setup.bash ] || . install/se
 # Run colcon with the environment's own Python: another colcon would build for another Python.
 COLCON := python -c 'import sys; from colcon_core.command import main; sys.exit(main())'
 
-.PHONY: help demo test test-installed test-oldest soak robot sorting load saving paper benchmark growth accuracy evidence level targets looks camera constants change oracle learning ablation loop lint \
+.PHONY: help demo test test-installed test-oldest soak robot sorting gravel load saving paper benchmark growth accuracy evidence level targets looks camera constants change oracle learning ablation loop lint \
 	build docs clean
 
 help:
@@ -58,6 +59,7 @@ help:
 	@echo 'make soak                         inject faults and load for half an hour; print a table'
 	@echo "make robot [ROBOT='--goals 20']    a complete robot: select live, and from its bag"
 	@echo "make sorting [SORTING='--boxes 50']  which topics of a sorting robot can go: sorting/page"
+	@echo "make gravel [GRAVEL='--seconds 120']  gravel under an IMU of 200 Hz, with over: rms: gravel/"
 	@echo "make load [LOAD='--seconds 10']    cost of the sampler relative to bare subscriptions"
 	@echo "make saving [SAVING='--every 50']  what a robot saves that switches topics off"
 	@echo "make paper [PAPER='--trials 6']    reproduce the figures of the paper: reproduction/"
@@ -77,7 +79,7 @@ help:
 	@echo "make loop [LOOP='--trials 1']      a learner with and without the selector: loop/"
 	@echo 'make docs                         the pages and the API reference as HTML: build/docs/'
 	@echo 'make clean                        remove builds and environments; keep reproduction/, growth/,'
-	@echo '                                  learning/, loop/ and sorting/'
+	@echo '                                  learning/, loop/, sorting/ and gravel/'
 
 demo: build
 	@$(ENTER) && exec install/cmifs_ros/lib/cmifs_ros/demo --scenario $(SCENARIO)
@@ -101,6 +103,9 @@ robot: build
 
 sorting: build
 	@$(ENTER) && exec python -m studies.robot.sorting $(SORTING)
+
+gravel: build
+	@$(ENTER) && exec python -m studies.robot.gravel $(GRAVEL)
 
 load: build
 	@$(ENTER) && exec python -m studies.robot.load $(LOAD)

@@ -10,31 +10,29 @@ what can go and what it would cost.
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections.abc import Iterator
-from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
 
-from cmifs_ros.tools import select_from_bag
-from cmifs_ros.tools.arguments import home_path, number_from
-from cmifs_ros.tools.program import CommandError, exit_code
+from cmifs_ros.tools.arguments import number_from
+from cmifs_ros.tools.program import exit_code
+
+from .example_bag import SECOND, BagWriter, example_parser, select, write_example
 
 ROBOT_FILE = Path(__file__).with_name('sorting.yaml')
 #: Of a box, and one more piece that comes after it.
 _PIECES = 13
-_SECOND = 10**9
 #: Between two scans, and between two pieces, in ns.
-_SCAN, _PIECE = _SECOND // 10, _SECOND // 2
+_SCAN, _PIECE = SECOND // 10, SECOND // 2
 _RAYS = 90
 
 
 def readings(boxes: int, seed: int) -> Iterator[tuple[int, str, object]]:
     """Yield time in ns, topic and value of each message, in the order of time."""
     rng = np.random.default_rng(seed)
-    time, speed, temperature = 100 * _SECOND, 0.0, 40.0
+    time, speed, temperature = 100 * SECOND, 0.0, 40.0
     for _ in range(boxes * _PIECES):
         kind, chosen = rng.integers(0, 2, size=2)
         speed, temperature = 0.9 * speed + rng.normal(), temperature + 0.05 * rng.normal()
@@ -51,75 +49,33 @@ def readings(boxes: int, seed: int) -> Iterator[tuple[int, str, object]]:
         time += _PIECE
 
 
-def write_bag(path: Path, boxes: int, seed: int) -> None:
+def write(bag: BagWriter, boxes: int, seed: int) -> None:
     """Write the messages of a robot that fills so many boxes."""
-    from rosbags.rosbag2 import StoragePlugin, Writer
-    from rosbags.typesys import Stores, get_typestore
-
-    store = get_typestore(Stores.ROS2_JAZZY)
-    types = store.types
-
-    def header(time):
-        stamp = types['builtin_interfaces/msg/Time'](*divmod(time, _SECOND))
-        return types['std_msgs/msg/Header'](stamp, 'robot')
-
-    def scan(time, ranges):
-        ranges = ranges.astype(np.float32)
-        span = 0.0, 2 * np.pi, 2 * np.pi / _RAYS, 0.0, 0.1, 0.1, 4.0
-        return types['sensor_msgs/msg/LaserScan'](header(time), *span, ranges, ranges[:0])
-
-    def plain(kind):
-        return kind, lambda time, value: types[kind](value)
-
-    number = plain('std_msgs/msg/Float64')
-    kinds = dict.fromkeys(
-        ('/camera/hue', '/belt/weight', '/belt/speed', '/microphone/loudness'), number
-    ) | {
-        '/gripper/command': plain('std_msgs/msg/Int8'),
-        '/judge/fits': plain('std_msgs/msg/Bool'),
-        '/lidar/scan': ('sensor_msgs/msg/LaserScan', scan),
-        '/motor/temperature': (
-            'sensor_msgs/msg/Temperature',
-            lambda time, value: types['sensor_msgs/msg/Temperature'](header(time), value, 0.0),
-        ),
-    }
-    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-        connections = {
-            topic: writer.add_connection(topic, kind, typestore=store)
-            for topic, (kind, _) in kinds.items()
-        }
-        for time, topic, value in readings(boxes, seed):
-            kind, message = kinds[topic]
-            writer.write(connections[topic], time, store.serialize_cdr(message(time, value), kind))
-
-
-def run(options: argparse.Namespace) -> None:
-    """Write the bag and select from it."""
-    if find_spec('rosbags') is None:
-        raise CommandError("rosbags is not here: python3 -m pip install 'rosbags>=0.11,<0.12'")
-    bag = options.out / 'bag'
-    if bag.exists():
-        raise CommandError(f'{bag} exists; expected a folder without it: --out names another')
-    options.out.mkdir(parents=True, exist_ok=True)
-    write_bag(bag, options.boxes, options.seed)
-    arguments = [str(bag), '--robot', str(ROBOT_FILE)]
-    print(f'select_from_bag {" ".join(arguments)} --report {options.out / "page"}', flush=True)
-    own = ['--out', str(options.out), '--report', str(options.out / 'page')]
-    if select_from_bag.main([*arguments, *own]):
-        raise CommandError('select_from_bag failed')
+    kinds = {'/gripper/command': 'std_msgs/msg/Int8', '/judge/fits': 'std_msgs/msg/Bool'}
+    for time, topic, value in readings(boxes, seed):
+        if topic == '/lidar/scan':
+            span = 0.0, 2 * np.pi, 2 * np.pi / _RAYS, 0.0, 0.1, 0.1, 4.0
+            ranges = value.astype(np.float32)
+            parts = bag.header(time), *span, ranges, ranges[:0]
+            bag.write(topic, time, 'sensor_msgs/msg/LaserScan', *parts)
+        elif topic == '/motor/temperature':
+            parts = bag.header(time), value, 0.0
+            bag.write(topic, time, 'sensor_msgs/msg/Temperature', *parts)
+        else:
+            bag.write(topic, time, kinds.get(topic, 'std_msgs/msg/Float64'), value)
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the example; return the exit code."""
-    parser = argparse.ArgumentParser(prog='sorting', description=' '.join(__doc__.split()))
+    parser = example_parser('sorting', __doc__)
     parser.add_argument('--boxes', type=number_from(2), default=150, help='default 150')
-    parser.add_argument('--seed', type=number_from(0), default=0)
-    parser.add_argument(
-        '--out', type=home_path, default=Path('sorting'),
-        help='folder of the bag, the selection and its page (default %(default)s)',
-    )  # fmt: skip
     options = parser.parse_args(arguments)
-    return exit_code('sorting', lambda: run(options), 'nothing more is written')
+
+    def run() -> None:
+        bag = write_example(lambda bag: write(bag, options.boxes, options.seed), options.out)
+        select(bag, ROBOT_FILE, options.out)
+
+    return exit_code('sorting', run, 'nothing more is written')
 
 
 if __name__ == '__main__':
