@@ -8,9 +8,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from .episode import Episode
-from .samples import collect_samples, standardized
+from .samples import scaled, standardized
 from .targets import ACTION, RETURN, TargetTest
+from .thinning import ThinnedEpisodes
 
 #: Probability of detecting a change although there is none.
 _LEVEL = 0.005
@@ -21,7 +21,7 @@ _NUM_MOMENTS, _LEAST_BEFORE = 9, 10
 
 
 def num_outdated(
-    episodes: Sequence[Episode],
+    episodes: ThinnedEpisodes,
     channels: Sequence[int],
     *,
     least_kept: int,
@@ -38,7 +38,7 @@ def num_outdated(
 
     Parameters
     ----------
-    episodes : sequence of Episode
+    episodes : ThinnedEpisodes
         In the order in which they were recorded.
     channels : sequence of int
         The channels of the sensors that may be informative.
@@ -59,7 +59,7 @@ def num_outdated(
     last = len(episodes) - least_kept
     if last < _LEAST_BEFORE:
         return 0
-    samples = collect_samples(episodes, gamma=gamma, standardize=True)
+    samples = scaled(episodes.samples)
     moments = np.unique(np.linspace(_LEAST_BEFORE, last, _NUM_MOMENTS).astype(int))
     is_after = standardized((samples.owner[:, None] >= moments).astype(float))
     num_channels = samples.states.shape[1]

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import replace
 from numbers import Real
 from typing import Any
 
@@ -15,15 +16,17 @@ from .blas_threads import one_blas_thread
 from .criterion import make_criterion
 from .data_checks import problems_of_data, problems_of_skill
 from .effect import Effect
-from .episode import unique_episodes
+from .episode import Episode, as_episodes
 from .evidence_ranking import EvidenceRanking, rank_by_evidence
+from .fingerprints import fingerprint, first_of_each
 from .permutation import PermutationTest, permutation_test
-from .samples import Samples, collect_samples
+from .samples import Samples, scaled
 from .search import Criterion
 from .sensor_selector import Ranking, SensorSelector
 from .statuses import DISPENSABLE, FEWEST_EPISODES, UNDECIDED
 from .stepwise import Finding
-from .targets import ACTION, RETURN, TARGETS, TargetTest
+from .targets import ACTION, DECISION, RETURN, TARGETS, TargetTest
+from .thinning import MAX_STEPS, Plan, ThinnedEpisodes, plan_of, thinned
 from .time_bins import MOST_BINS
 from .verdicts import Verdict
 
@@ -173,7 +176,7 @@ class ConditionalMISelector(SensorSelector):
         episodes, names, _, sensors = self._checked(episodes, names)
         self._check_parameters()
         with one_blas_thread():
-            return self._criterion(self._samples(episodes), self._bins)(sensors)
+            return self._criterion(self._samples(self._thinned(episodes)), self._bins)(sensors)
 
     def permutation_test(
         self, episodes, names: Sequence[str] | None = None, *, n_permutations: int = 99
@@ -216,26 +219,64 @@ class ConditionalMISelector(SensorSelector):
             del self._ordered, self._action_names
         return self
 
+    def thin(self, episodes) -> ThinnedEpisodes:
+        """Return what `fit` looks at: the episodes without copies, thinned by `random_state`.
+
+        Parameters
+        ----------
+        episodes : iterable of Episode or arrays
+            As of `fit`.
+
+        Raises
+        ------
+        ValueError
+            If a parameter or the data are invalid, or all episodes are the same.
+
+        """
+        self._check_parameters()
+        episodes = as_episodes(episodes)
+        which = first_of_each([fingerprint(episode) for episode in episodes])
+        if len(which) < min(2, len(episodes)):
+            raise ValueError(
+                f'all {len(episodes)} episodes are identical; expected at least 2 different ones'
+            )
+        found = self._thinned([episodes[i] for i in which])
+        return replace(found, places=which, num_copies=len(episodes) - len(which))
+
+    def _thinned(self, episodes: Sequence[Episode]) -> ThinnedEpisodes:
+        lengths = [len(episode) for episode in episodes]
+        return thinned(episodes, self.gamma, self.plan(lengths))
+
+    def plan(self, lengths: Sequence[int]) -> Plan:
+        """Return which steps `fit` looks at of different episodes of given lengths."""
+        return plan_of(
+            lengths,
+            self.random_state,
+            max_steps=None if self.criterion == 'plug_in' else MAX_STEPS,
+            with_next=self.target == DECISION,
+        )
+
+    def _taken(self, episodes):
+        if isinstance(episodes, ThinnedEpisodes):
+            return episodes, episodes.num_channels
+        return super()._taken(episodes)
+
     def _rank(self, episodes, names, sensors):
         self._check_parameters()
+        if not isinstance(episodes, ThinnedEpisodes):
+            episodes = self.thin(episodes)
         with one_blas_thread():
             return self._ranked(episodes, names, sensors)
 
-    def _ranked(self, episodes, names, sensors):
+    def _ranked(self, episodes: ThinnedEpisodes, names, sensors):
         self.warnings_: list[str] = []
         self.predicted_share_ = self.predicted_share_of_all_ = 0.0
-        num_episodes = len(episodes)
-        episodes = unique_episodes(episodes)
-        self.num_duplicates_ = num_episodes - len(episodes)
-        if len(episodes) < 2:
-            raise ValueError(
-                f'all {num_episodes} episodes are identical; expected at least 2 different ones'
-            )
+        self.num_duplicates_ = episodes.num_copies
         samples = self._samples(episodes)
         if self.criterion == 'plug_in':
             self._keep_evidence(EvidenceRanking([], [], np.empty((0, 3)), 0))
             return self._rank_by_score(self._criterion(samples, self._bins), sensors)
-        self._warn_of(problems_of_data(episodes, names, self.gamma, ordered=self._ordered))
+        self._warn_of(problems_of_data(episodes, names, ordered=self._ordered))
         varying = np.ptp(samples.states, axis=0) > 0
         live = [i for i, sensor in enumerate(sensors) if varying[list(sensor)].any()]
         constant = [i for i in range(len(sensors)) if i not in live]
@@ -273,7 +314,9 @@ class ConditionalMISelector(SensorSelector):
             ],
         )
         if self.num_features is None:
-            found = _with_constant(found, constant, len(episodes))
+            changes = np.ptp(episodes.ranges, axis=0) > 0
+            rare = [i for i in constant if changes[list(sensors[i])].any()]
+            found = _with_constant(found, constant, rare, len(episodes))
         self._keep_evidence(found)
         ranking = [f.sensor for f in found.findings]
         return Ranking(ranking, [f.score for f in found.findings], found.num_selected)
@@ -340,8 +383,8 @@ class ConditionalMISelector(SensorSelector):
         if self.n_jobs < 1:
             raise ValueError(f'n_jobs is {self.n_jobs}; expected at least 1')
 
-    def _samples(self, episodes) -> Samples:
-        return collect_samples(episodes, gamma=self.gamma, standardize=self.standardize)
+    def _samples(self, episodes: ThinnedEpisodes) -> Samples:
+        return scaled(episodes.samples) if self.standardize else episodes.samples
 
     def _criterion(self, samples: Samples, num_bins: int | None) -> Criterion:
         return make_criterion(
@@ -364,14 +407,18 @@ def _among_all(finding: Finding, live: Sequence[int]) -> Finding:
 
 
 def _with_constant(
-    found: EvidenceRanking, constant: Sequence[int], num_episodes: int
+    found: EvidenceRanking, constant: Sequence[int], rare: Sequence[int], num_episodes: int
 ) -> EvidenceRanking:
-    """Return the ranking with the constant sensors at its end, dispensable without a test."""
-    status = DISPENSABLE if num_episodes >= FEWEST_EPISODES else UNDECIDED
+    """Return the ranking with the constant sensors at its end, dispensable without a test.
+
+    Those that change in steps that are not looked at are undecided.
+    """
+    never = DISPENSABLE if num_episodes >= FEWEST_EPISODES else UNDECIDED
+    statuses = [UNDECIDED if i in rare else never for i in constant]
     score = found.findings[found.num_selected - 1].score if found.num_selected else 0.0
     return EvidenceRanking(
         found.findings + [Finding(i, (), score) for i in constant],
-        found.verdicts + [Verdict(status, Effect(0.0, 0.0), '')] * len(constant),
+        found.verdicts + [Verdict(status, Effect(0.0, 0.0), '') for status in statuses],
         np.vstack([found.null_scores, np.full((len(constant), 3), score)]),
         found.num_selected,
     )

@@ -9,8 +9,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from .drift import share_of_drift
-from .episode import Episode
-from .returns import discounted_returns
+from .thinning import ThinnedEpisodes
 from .words import counted, first, listed, short
 
 #: Warn if at least this share of the variance of the episodes' mean returns is slow drift.
@@ -19,10 +18,8 @@ _MUCH_DRIFT = 0.5
 _MUCH_OF_ONE = 0.5
 #: Warn if the effective number of episodes is below this share of their number.
 _FEW_INDEPENDENT = 0.5
-#: Length of a run of steps that counts as repeated; warn if at least this share of steps is.
-_RUN, _MUCH_OVERLAP = 3, 0.05
-#: Number of runs compared.
-_MAX_RUNS = 100_000
+#: Warn if at least this share of the runs of steps is in an earlier episode, too.
+_MUCH_OVERLAP = 0.05
 #: Warn about channels with at least this share of the variance of their episode means between
 #: sources, if the return has at least this share, too.
 _MUCH_BETWEEN, _SOME_BETWEEN = 0.9, 0.2
@@ -34,14 +31,13 @@ _MAX_PREDICTORS, _MAX_COMPARED = 3, 5
 Shares = Callable[[list[int]], dict[str, float]]
 
 
-def independent_episodes(episodes: Sequence[Episode], gamma: float) -> float:
-    """Return the effective number of independent episodes, from their mean returns in order.
+def independent_episodes(means: np.ndarray) -> float:
+    """Return the effective number of independent episodes, from their mean returns (M,) in order.
 
     This is their number divided by the integrated autocorrelation time, whose sum is cut where two
     neighbouring autocorrelations have a negative sum (Geyer, Practical Markov chain Monte Carlo,
     1992).
     """
-    means = _mean_returns(episodes, gamma)
     means = means - means.mean()
     count, variance = len(means), means @ means
     if variance <= 0:
@@ -55,25 +51,23 @@ def independent_episodes(episodes: Sequence[Episode], gamma: float) -> float:
 
 
 def problems_of_data(
-    episodes: Sequence[Episode], names: Sequence[str], gamma: float, *, ordered: bool
+    episodes: ThinnedEpisodes, names: Sequence[str], *, ordered: bool
 ) -> list[str]:
     """Return warnings about errors in the episodes, or limits of what they can show.
 
     Parameters
     ----------
-    episodes : sequence of Episode
+    episodes : ThinnedEpisodes
     names : sequence of str
         Names of the channels.
-    gamma : float
-        Discount factor of the return.
     ordered : bool
         Whether they are in the order of time.
 
     """
     problems = _problems_of_rewards(episodes) + _problems_of_overlap(episodes)
-    problems += _problems_of_sources(episodes, names, gamma)
+    problems += _problems_of_sources(episodes, names) + _problems_of_rare(episodes, names)
     if ordered:
-        problems += _problems_of_order(episodes, gamma)
+        problems += _problems_of_order(episodes.mean_returns)
     return problems
 
 
@@ -120,66 +114,69 @@ def _best_share(predicted_shares: Shares, action: str, alone: Sequence[float]) -
     return best
 
 
-def _mean_returns(episodes, gamma):
-    return np.array([discounted_returns(e.rewards, gamma).mean() for e in episodes])
-
-
 def _is_autocorrelated(means: np.ndarray) -> bool:
     """Return whether neighbours correlate by more than three standard errors of white noise."""
     means = means - means.mean()
     return means[1:] @ means[:-1] > 3 / np.sqrt(len(means)) * (means @ means)
 
 
-def _problems_of_rewards(episodes) -> list[str]:
-    rewards = np.concatenate([episode.rewards for episode in episodes])
-    distances = np.abs(rewards / 2 - np.median(rewards / 2))  # halved: no overflow
-    squares = (distances / max(distances.max(), np.finfo(float).tiny)) ** 2
-    greatest = int(squares.argmax())
-    if squares[greatest] <= _MUCH_OF_ONE * squares.sum() or (squares > 0).sum() < 2:
+def _problems_of_rewards(episodes: ThinnedEpisodes) -> list[str]:
+    rewards, extremes = episodes.samples.rewards, episodes.extreme_rewards
+    middle = np.median(rewards / 2)  # halved: no overflow
+    distances, greatest = np.abs(rewards / 2 - middle), np.abs(extremes / 2 - middle)
+    size = max(greatest.max(), np.finfo(float).tiny)
+    episode, which = divmod(int(greatest.argmax()), 2)
+    # In units of the greatest; the kept steps stand for all.
+    squares = (distances / size) ** 2 * (episodes.num_steps / len(rewards))
+    others = squares.sum() - squares.max()
+    if not 0 < others < (1 - _MUCH_OF_ONE) / _MUCH_OF_ONE:
         return []
-    lengths = np.array([len(episode) for episode in episodes])
-    episode = int(np.searchsorted(np.cumsum(lengths), greatest, side='right'))
-    share = squares[greatest] / squares.sum()
     return [
-        f'1 reward of {rewards[greatest]:g} in episode {episode} makes up {share:.0%} of the '
-        'variance of the rewards: effect sizes are mostly about it; leave the episode out if it '
-        'is an error'
+        f'1 reward of {extremes[episode, which]:g} in episode {episodes.places[episode]} makes up '
+        f'{1 / (1 + others):.0%} of the variance of the rewards: effect sizes are mostly about it; '
+        'leave the episode out if it is an error'
     ]
 
 
-def _problems_of_overlap(episodes) -> list[str]:
+def _problems_of_overlap(episodes: ThinnedEpisodes) -> list[str]:
     """Return a warning about runs of steps in two episodes; needs a continuous channel."""
-    steps = [np.column_stack([e.states, e.rewards]) for e in episodes]
-    states = np.concatenate([e.states for e in episodes])
+    states = episodes.samples.states
     if max(len(np.unique(column)) for column in states.T) < len(states) / 4:
         return []
-    found: dict[bytes, int] = {}
-    total = repeated = 0
-    for number, rows in enumerate(steps):
-        if total >= _MAX_RUNS:
-            break
-        for t in range(len(rows) - _RUN + 1):
-            total += 1
-            repeated += found.setdefault(rows[t : t + _RUN].tobytes(), number) != number
-    if repeated <= _MUCH_OVERLAP * total:
+    _, first, which = np.unique(episodes.prints, return_index=True, return_inverse=True)
+    repeated = (episodes.printed[first][which] != episodes.printed).sum()
+    if repeated <= _MUCH_OVERLAP * len(which):
         return []
     return [
-        f'{repeated / total:.0%} of the steps are in two episodes, as with overlapping windows or '
-        'a drive recorded twice, and count twice: use windows that do not overlap'
+        f'{repeated / len(which):.0%} of the steps are in two episodes, as with overlapping '
+        'windows or a drive recorded twice, and count twice: use windows that do not overlap'
     ]
 
 
-def _problems_of_sources(episodes, names, gamma) -> list[str]:
+def _problems_of_rare(episodes: ThinnedEpisodes, names: Sequence[str]) -> list[str]:
+    """Return a warning about channels that change, but in none of the kept steps."""
+    unseen = (np.ptp(episodes.ranges, axis=0) > 0) & (np.ptp(episodes.samples.states, axis=0) == 0)
+    rare = [names[c] for c in np.flatnonzero(unseen)]
+    if not rare:
+        return []
+    return [
+        f'too rare to be judged: {listed(rare)} {"change" if len(rare) > 1 else "changes"} in none '
+        f'of the {len(episodes.samples.step)} steps looked at, of {episodes.num_steps}; select '
+        'from the episodes in which it does'
+    ]
+
+
+def _problems_of_sources(episodes: ThinnedEpisodes, names: Sequence[str]) -> list[str]:
     """Return a warning about channels that differ mostly between sources, like the return."""
-    _, source = np.unique([episode.source for episode in episodes], return_inverse=True)
+    _, source = np.unique(episodes.samples.sources, return_inverse=True)
     num_sources, count = source.max() + 1, len(episodes)
     if not 1 < num_sources < count:
         return []
     # Group means alone explain (num_sources - 1) / (count - 1) of any variable by chance.
-    of_return = _share_between(_mean_returns(episodes, gamma)[:, None], source)[0]
+    of_return = _share_between(episodes.mean_returns[:, None], source)[0]
     if of_return <= max(_SOME_BETWEEN, 3 * (num_sources - 1) / (count - 1)):
         return []
-    shares = _share_between(np.array([episode.states.mean(axis=0) for episode in episodes]), source)
+    shares = _share_between(episodes.mean_states, source[np.unique(episodes.samples.owner)])
     differing = [f'{names[c]} ({s:.0%})' for c, s in enumerate(shares) if s >= _MUCH_BETWEEN]
     if not differing:
         return []
@@ -199,18 +196,17 @@ def _share_between(values: np.ndarray, groups: np.ndarray) -> np.ndarray:
     return means.var(axis=0) / np.maximum(values.var(axis=0), np.finfo(float).tiny)
 
 
-def _problems_of_order(episodes, gamma) -> list[str]:
-    count = len(episodes)
-    weights = np.ones(count)
-    drift = share_of_drift(_mean_returns(episodes, gamma), weights)
+def _problems_of_order(means: np.ndarray) -> list[str]:
+    count = len(means)
+    drift = share_of_drift(means, np.ones(count))
     if drift > _MUCH_DRIFT:
         return [
             f'the return follows the order of the episodes ({drift:.0%} of its variance between '
             'episodes is slow drift), so sensors that drift along have no evidence; if the order '
             'means nothing, for example in files sorted by outcome, set ordered=False'
         ]
-    worth = independent_episodes(episodes, gamma)
-    if worth < _FEW_INDEPENDENT * count and _is_autocorrelated(_mean_returns(episodes, gamma)):
+    worth = independent_episodes(means)
+    if worth < _FEW_INDEPENDENT * count and _is_autocorrelated(means):
         return [
             f'{counted(count, "episode")} resemble their neighbours and are worth about '
             f'{worth:.0f} independent ones'

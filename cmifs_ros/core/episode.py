@@ -137,17 +137,6 @@ def as_episodes(data: Iterable[Episode] | tuple[np.ndarray, ...]) -> list[Episod
     return episodes
 
 
-def unique_episodes(episodes: Iterable[Episode]) -> list[Episode]:
-    """Return the episodes without exact copies (same states and rewards) of earlier ones."""
-    seen, unique = set(), []
-    for episode in episodes:
-        content = tuple(a.tobytes() for a in (episode.states, episode.rewards, episode.actions))
-        if content not in seen:
-            seen.add(content)
-            unique.append(episode)
-    return unique
-
-
 def _bridged(states: np.ndarray) -> np.ndarray:
     """Return states (M, N, v) without gaps and infinite values, as `as_episodes` describes."""
     if np.isfinite(states).all():

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""The rows of samples that a test looks at, and how the episodes they belong to may be compared."""
+"""The rows of samples in a test, and how the episodes they belong to may be compared."""
 
 from __future__ import annotations
 
@@ -10,8 +10,6 @@ from .drift import cosines
 from .kernel_regression import extended
 from .samples import Samples, standardized
 
-#: More rows are thinned evenly: neighbouring steps of an episode are nearly the same.
-_MAX_ROWS = 32_000
 _NUM_FOLDS = 5
 _MAX_SHIFTS = 300
 #: Cosines of the step in every regression. The step is all that an irrelevant sensor and the return
@@ -20,7 +18,7 @@ _NUM_STEP_COSINES = 6
 
 
 class EpisodeRows:
-    """Some rows of samples, in the order of their episodes.
+    """The rows of samples, in the order of their episodes.
 
     Parameters
     ----------
@@ -32,10 +30,6 @@ class EpisodeRows:
 
     Attributes
     ----------
-    index : numpy.ndarray of int, shape (N,)
-        Which of the samples they are.
-    stride : int
-        Every so many steps of an episode is a row.
     states, actions : numpy.ndarray, shapes (N, v), (N, a)
     step : numpy.ndarray, shape (N,)
     owner : numpy.ndarray of int, shape (N,)
@@ -57,12 +51,12 @@ class EpisodeRows:
 
     def __init__(self, samples: Samples, random_state: int, ordered: bool):
         rng = np.random.default_rng([random_state, 1])
-        self.stride = -(-len(samples.step) // _MAX_ROWS)
-        self.index = np.flatnonzero((samples.step + samples.owner) % self.stride == 0)
-        self.states = standardized(samples.states[self.index])
-        self.actions = standardized(samples.actions[self.index])
-        self.step = standardized(samples.step[self.index].astype(float))
-        present, self.owner = np.unique(samples.owner[self.index], return_inverse=True)
+        self.states = standardized(samples.states)
+        self.actions = standardized(samples.actions)
+        self.step = standardized(samples.step.astype(float))
+        is_same = np.diff(samples.owner, append=-1) == 0
+        self._gaps = np.where(is_same, np.diff(samples.step, append=0), np.inf)[:, None]
+        present, self.owner = np.unique(samples.owner, return_inverse=True)
         self.starts = np.flatnonzero(np.diff(self.owner, prepend=-1))
         self.lengths = np.diff(self.starts, append=len(self.owner))
         num_episodes = len(present)
@@ -72,7 +66,7 @@ class EpisodeRows:
         sources = _pooled(samples.sources[present])[self.owner]
         columns = (sources[:, None] == np.unique(sources)).astype(float)
         means = columns / np.sqrt(columns.sum(axis=0))
-        self.step_cosines = _step_cosines(samples.step[self.index])
+        self.step_cosines = _step_cosines(samples.step)
         self.fixed = extended(means, self.step_cosines)
         self.is_ordered = ordered
         order = np.arange(num_episodes) if ordered else rng.permutation(num_episodes)
@@ -82,11 +76,10 @@ class EpisodeRows:
         """Return the mean of values (N, k) in each episode: shape (M, k)."""
         return np.add.reduceat(values, self.starts) / self.lengths[:, None]
 
-    def following(self, values: np.ndarray) -> np.ndarray:
-        """Return values (N, k) of the next row of the episode, 0 at its end."""
+    def differences(self, values: np.ndarray, discount: float) -> np.ndarray:
+        """Return values (N, k) less the discounted ones of the next row; none follows the last."""
         following = np.append(values[1:], np.zeros_like(values[:1]), axis=0)
-        following[self.starts[1:] - 1] = 0.0
-        return following
+        return values - np.where(self._gaps < np.inf, discount**self._gaps, 0.0) * following
 
     def _cyclic_shifts(self, sources, order, rng) -> np.ndarray:
         """Return the shifts of episodes that stand in an order.

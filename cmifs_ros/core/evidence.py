@@ -97,10 +97,10 @@ class ConditionalTest:
     ):
         self._level, self._parts = level, parts
         self._of_given, self._n_jobs = of_given, n_jobs
-        self._rows = rows = EpisodeRows(samples, random_state, ordered)
+        self._rows = EpisodeRows(samples, random_state, ordered)
         self._names = list(targets)
-        self._targets = np.column_stack([targets[name][rows.index] for name in self._names])
-        self._discount = discount**rows.stride
+        self._targets = np.column_stack([targets[name] for name in self._names])
+        self._discount = discount
         self._known: dict[tuple, dict[str, float]] = {}
         self._contexts: dict[frozenset[int], _Given] = {}
 
@@ -232,7 +232,7 @@ class ConditionalTest:
         bases = [regression.basis(space) for space in regression.tuned(both)]
         left = [residual(both[:, [k]], basis) for k, basis in enumerate(bases)]
         if self._discount:
-            left += [one - self._discount * self._rows.following(one) for one in left]
+            left += [self._rows.differences(one, self._discount) for one in left]
         return np.hstack(left)
 
     def _with_drift(self, basis: np.ndarray, left: np.ndarray) -> np.ndarray:

@@ -22,6 +22,8 @@ _RANKS = np.array([0, 1, 2, 3, 4, 6, 8, 11, 16, 23, 32, 45, 64, 90, 128, 181])
 _LEAST_VARIANCE = 1e-7
 #: What a single episode decides has no fit to the others; this keeps their equations solvable.
 _LEAST_LEFT = 1e-6
+#: Episodes whose equations are solved together.
+_MAX_TOGETHER = 256
 
 
 #: Share of a column's length below which what another basis leaves of it is a rounding error.
@@ -199,13 +201,20 @@ def corrected_residual(left: np.ndarray, basis: np.ndarray, starts: np.ndarray) 
         The first row of each episode.
 
     """
-    episodes = np.split(np.arange(len(left)), starts[1:])
-    grams = np.array([basis[rows].T @ basis[rows] for rows in episodes])
-    moments = np.array([basis[rows].T @ left[rows] for rows in episodes])
-    eye = (1 + _LEAST_LEFT) * np.eye(basis.shape[1])
-    corrected = left.copy()
-    for rows, coefficients in zip(episodes, np.linalg.solve(eye - grams, moments), strict=True):
-        corrected[rows] += basis[rows] @ coefficients
+    lengths, least = np.diff(starts, append=len(left)), 1 + _LEAST_LEFT
+    corrected = np.empty_like(left)
+    for length in np.unique(lengths):
+        rows = starts[lengths == length, None] + np.arange(length)
+        for block in np.array_split(rows, -(-len(rows) // _MAX_TOGETHER)):
+            part, here = basis[block], left[block]
+            across = part.transpose(0, 2, 1)
+            # The smaller of two systems of equations with the same solution.
+            if length < basis.shape[1]:
+                eye = least * np.eye(length)
+                corrected[block] = least * np.linalg.solve(eye - part @ across, here)
+            else:
+                eye = least * np.eye(basis.shape[1])
+                corrected[block] = here + part @ np.linalg.solve(eye - across @ part, across @ here)
     return corrected
 
 

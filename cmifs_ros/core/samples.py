@@ -16,20 +16,24 @@ from .returns import discounted_returns
 
 @dataclass(frozen=True)
 class Samples:
-    """All observations, one row for each step of an episode.
+    """Observations, one row for a step of an episode.
 
     Attributes
     ----------
     returns : numpy.ndarray, shape (N,)
     states : numpy.ndarray, shape (N, v)
     owner, step : numpy.ndarray of int, shape (N,)
-        Episode and time step of each row; the rows of an episode are consecutive.
+        Episode and time step of each row; the rows of an episode are consecutive and in order.
     rewards : numpy.ndarray, shape (N,), optional
         The reward of each step; by default 0.
     actions : numpy.ndarray, shape (N, a), optional
         The actions taken; by default none.
     sources : numpy.ndarray of str, shape (M,), optional
         The robot or recording of each episode; by default one for all.
+    lengths : numpy.ndarray of int, shape (M,), optional
+        The number of steps of each episode; by default its last row is its last step.
+    next_states : numpy.ndarray, shape (N, v), optional
+        The state after each but the last step of an episode; by default that of the next row.
 
     """
 
@@ -40,6 +44,8 @@ class Samples:
     rewards: np.ndarray = field(default=None)
     actions: np.ndarray = field(default=None)
     sources: np.ndarray = field(default=None)
+    lengths: np.ndarray = field(default=None)
+    next_states: np.ndarray | None = None
 
     def __post_init__(self):
         if self.rewards is None:
@@ -48,6 +54,10 @@ class Samples:
             object.__setattr__(self, 'actions', np.empty((len(self.returns), 0)))
         if self.sources is None:
             object.__setattr__(self, 'sources', np.full(self.owner[-1] + 1, ''))
+        if self.lengths is None:
+            lengths = np.zeros(len(self.sources), dtype=int)
+            np.maximum.at(lengths, self.owner, self.step + 1)
+            object.__setattr__(self, 'lengths', lengths)
 
     def with_channels(self, columns: np.ndarray) -> Samples:
         """Return the samples with further channels (N, k) appended."""
@@ -59,7 +69,8 @@ class Samples:
 
     def transitions(self) -> tuple[Samples, np.ndarray]:
         """Return the samples that have a next step, and the states (N', v) of that step."""
-        rows = np.flatnonzero(self.owner[1:] == self.owner[:-1])
+        rows = np.flatnonzero(self.step < self.lengths[self.owner] - 1)
+        after = self.states[rows + 1] if self.next_states is None else self.next_states[rows]
         before = Samples(
             self.returns[rows],
             self.states[rows],
@@ -68,8 +79,9 @@ class Samples:
             self.rewards[rows],
             self.actions[rows],
             self.sources,
+            self.lengths - 1,
         )
-        return before, self.states[rows + 1]
+        return before, after
 
 
 @dataclass(frozen=True)
@@ -93,40 +105,86 @@ class StepSamples:
     centers: np.ndarray
 
 
-def collect_samples(episodes: Sequence[Episode], *, gamma: float, standardize: bool) -> Samples:
-    """Return the samples of all episodes.
-
-    Parameters
-    ----------
-    episodes : sequence of Episode
-    gamma : float
-        Discount factor of the return.
-    standardize : bool
-        Scale the return and the normal scores of each channel to mean 0 and standard deviation 1
-        over all samples, a constant channel to 0.
+def returns_of(episodes: Sequence[Episode], gamma: float) -> list[np.ndarray]:
+    """Return the return of each step of each episode.
 
     Raises
     ------
     ValueError
-        If the rewards are so large that a return overflows.
+        If gamma is invalid, or the rewards are so large that a return overflows.
 
     """
-    lengths = [len(episode) for episode in episodes]
-    returns = np.concatenate([discounted_returns(e.rewards, gamma) for e in episodes])
-    if not np.isfinite(returns).all():
+    returns = [discounted_returns(episode.rewards, gamma) for episode in episodes]
+    if not all(np.isfinite(of_episode).all() for of_episode in returns):
         largest = max(np.abs(episode.rewards).max() for episode in episodes)
         raise ValueError(f'a reward is {largest:g} in size; expected returns that do not overflow')
-    states = np.concatenate([episode.states for episode in episodes])
-    actions = np.concatenate([episode.actions for episode in episodes])
-    if standardize:
-        returns = standardized(returns)
-        states = standardized(normal_scores(states))
-        actions = standardized(normal_scores(actions))
-    owner = np.repeat(np.arange(len(episodes)), lengths)
-    step = np.concatenate([np.arange(length) for length in lengths])
-    sources = np.array([episode.source for episode in episodes])
-    rewards = np.concatenate([episode.rewards for episode in episodes])
-    return Samples(returns, states, owner, step, rewards, actions, sources)
+    return returns
+
+
+def samples_of(
+    episodes: Sequence[Episode],
+    returns: Sequence[np.ndarray],
+    kept: Sequence[np.ndarray],
+    *,
+    with_next: bool = False,
+) -> Samples:
+    """Return the steps of episodes that are kept, as they are.
+
+    Parameters
+    ----------
+    episodes : sequence of Episode
+    returns : sequence of numpy.ndarray
+        The return of each step.
+    kept : sequence of numpy.ndarray of int
+        The steps of each episode that become rows.
+    with_next : bool
+        Whether the state after each is stored, too.
+
+    """
+
+    def rows(arrays, kept=kept):
+        return np.concatenate([array[steps] for array, steps in zip(arrays, kept, strict=True)])
+
+    lengths = np.array([len(episode) for episode in episodes])
+    next_states = None
+    if with_next:
+        after = [np.minimum(k + 1, length - 1) for k, length in zip(kept, lengths, strict=True)]
+        next_states = rows((episode.states for episode in episodes), after)
+
+    return Samples(
+        rows(returns),
+        rows(episode.states for episode in episodes),
+        np.repeat(np.arange(len(episodes)), [len(steps) for steps in kept]),
+        np.concatenate(kept),
+        rows(episode.rewards for episode in episodes),
+        rows(episode.actions for episode in episodes),
+        np.array([episode.source for episode in episodes]),
+        lengths,
+        next_states,
+    )
+
+
+def scaled(samples: Samples) -> Samples:
+    """Return samples with mean 0 and standard deviation 1, and normal scores but for returns.
+
+    A constant channel becomes 0.
+    """
+    further = [] if samples.next_states is None else [samples.next_states]
+    states = standardized(normal_scores(np.vstack([samples.states, *further])))
+    return replace(
+        samples,
+        returns=standardized(samples.returns),
+        states=states[: len(samples.states)],
+        actions=standardized(normal_scores(samples.actions)),
+        next_states=states[len(samples.states) :] if further else None,
+    )
+
+
+def collect_samples(episodes: Sequence[Episode], *, gamma: float, standardize: bool) -> Samples:
+    """Return `samples_of` all steps of the episodes, `scaled` if asked."""
+    kept = [np.arange(len(episode)) for episode in episodes]
+    samples = samples_of(episodes, returns_of(episodes, gamma), kept)
+    return scaled(samples) if standardize else samples
 
 
 def split_by_step(

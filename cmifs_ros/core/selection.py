@@ -20,6 +20,7 @@ from .kdr_selector import KDRSelector
 from .sensor_selector import SensorSelector
 from .statuses import CONFIRMED
 from .targets import RETURN
+from .thinning import ThinnedEpisodes
 
 METHODS = {'conditional_mi': ConditionalMISelector, 'kdr': KDRSelector}
 
@@ -163,7 +164,7 @@ class Selection:
 
 
 def select(
-    episodes: Sequence[Episode],
+    episodes: Sequence[Episode] | ThinnedEpisodes,
     channel_names: Sequence[str],
     method: str,
     settings: dict,
@@ -179,7 +180,8 @@ def select(
 
     Parameters
     ----------
-    episodes : sequence of Episode
+    episodes : sequence of Episode or ThinnedEpisodes
+        Thinned ones for the method 'conditional_mi' only.
     channel_names : sequence of str
     method : str
         One of `METHODS`.
@@ -200,34 +202,42 @@ def select(
     """
     begin = time.perf_counter()
     options: dict[str, Any] = {'names': channel_names}
-    if method == 'conditional_mi':
-        options |= {'action_names': action_names, 'ordered': ordered}
     selector = METHODS[method](**settings)
-    _fit(selector, episodes, start=start, progress=progress, **options)
+    data: Any = episodes
+    if isinstance(selector, ConditionalMISelector):
+        options |= {'action_names': action_names, 'ordered': ordered}
+        data = episodes if isinstance(episodes, ThinnedEpisodes) else selector.thin(episodes)
+    _fit(selector, data, start=start, progress=progress, **options)
     outdated = 0
     if least_kept is not None and _has_test(selector):
         pairs = zip(selector.supporting_channels_, selector.pvalues_, strict=True)
-        outdated = num_outdated(
-            episodes,
+        oldest = num_outdated(
+            data,
             [channel for channels, pvalue in pairs if pvalue < 1 for channel in channels],
             least_kept=least_kept,
             gamma=selector.gamma,
             random_state=selector.random_state,
             target=selector.target,
         )
-    if outdated:
-        episodes = episodes[outdated:]  # What was confirmed belongs to another task.
-        _fit(selector, episodes, progress=progress, **options)
+        if oldest:
+            outdated = int(data.places[oldest])
+            data = data.only(np.arange(oldest, len(data)))
+            _fit(selector, data, progress=progress, **options)  # The start is of another task.
     progress(1.0)
-    samples = np.concatenate([np.column_stack([e.states, e.rewards]) for e in episodes])
+    if isinstance(data, ThinnedEpisodes):
+        samples = np.column_stack([data.samples.states, data.samples.rewards])
+        num_steps = data.num_steps
+    else:
+        samples = np.concatenate([np.column_stack([e.states, e.rewards]) for e in data])
+        num_steps = len(samples)
     with np.errstate(over='ignore', invalid='ignore'):  # The spread of huge values is inf.
         means, spreads = samples.mean(axis=0), samples.std(axis=0)
-    stability = _stability(selector, episodes, options, num_halves)
+    stability = _stability(selector, data, options, num_halves)
     return Selection(
         indices=tuple(selector.get_support(indices=True).tolist()),
         sensors=_results(selector, stability),
-        episodes=len(episodes),
-        steps=sum(map(len, episodes)),
+        episodes=len(data),
+        steps=num_steps,
         seconds=time.perf_counter() - begin,
         means=tuple(means.tolist()),
         spreads=tuple(spreads.tolist()),
@@ -242,7 +252,13 @@ def select(
     )
 
 
-def _fit(selector: SensorSelector, episodes: Sequence[Episode], **options) -> None:
+def _only(episodes: Sequence[Episode] | ThinnedEpisodes, which: np.ndarray):
+    if isinstance(episodes, ThinnedEpisodes):
+        return episodes.only(which)
+    return [episodes[i] for i in which]
+
+
+def _fit(selector: SensorSelector, episodes, **options) -> None:
     """Fit without Python's warnings: the selection contains them."""
     with warnings.catch_warnings():
         warnings.simplefilter('ignore', UserWarning)
@@ -300,6 +316,6 @@ def _stability(selector, episodes, options: dict, num_halves: int) -> np.ndarray
     for _ in range(num_halves):
         half = np.sort(rng.permutation(len(episodes))[: -(-len(episodes) // 2)])
         again = type(selector)(**selector.get_params())
-        _fit(again, [episodes[i] for i in half], **options)
+        _fit(again, _only(episodes, half), **options)
         counts[again.ranking_[: again.num_features_]] += 1
     return counts / num_halves

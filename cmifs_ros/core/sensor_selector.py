@@ -232,11 +232,16 @@ class SensorSelector(ABC):
 
     def _checked(self, episodes, names):
         """Return the episodes, the channel names, the sensor names and the sensors."""
-        episodes = as_episodes(episodes)
+        episodes, num_channels = self._taken(episodes)
         if len(episodes) < 2:
             raise ValueError('there is 1 episode; expected at least 2 to compare')
-        names = _checked_names(names, episodes[0].num_channels)
+        names = _checked_names(names, num_channels)
         return episodes, names, *_sensors(names, self.groups or {})
+
+    def _taken(self, episodes):
+        """Return the episodes and their number of channels."""
+        episodes = as_episodes(episodes)
+        return episodes, episodes[0].num_channels
 
     def _rank_by_score(self, criterion: Criterion, sensors: list[Sensor]) -> Ranking:
         """Rank by the criterion alone; without `num_features` all sensors are selected."""

@@ -81,6 +81,5 @@ def test_episodes_that_resemble_their_neighbours_are_worth_fewer(share):
     levels = rng.normal(size=3000)
     for i in range(1, len(levels)):
         levels[i] = share * levels[i - 1] + np.sqrt(1 - share**2) * levels[i]
-    episodes = [Episode(np.zeros((1, 1)), [level]) for level in levels]
     expected = len(levels) * (1 - share) / (1 + share)
-    assert independent_episodes(episodes, 0.9) == pytest.approx(expected, rel=0.3)
+    assert independent_episodes(levels) == pytest.approx(expected, rel=0.3)

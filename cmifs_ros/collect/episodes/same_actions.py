@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import compress
 
 from cmifs_ros.core import Episode
 from cmifs_ros.core.words import counted
@@ -14,29 +15,40 @@ from cmifs_ros.core.words import counted
 _MOST = 0.5
 
 
-def with_same_actions(episodes: Sequence[Episode], least: int = 2) -> tuple[list[Episode], str]:
-    """Return episodes that all have actions or all have none, and a note of what was changed.
+def which_alike(acting: Sequence[bool], least: int = 2) -> tuple[list[bool], bool, str]:
+    """Return which episodes to use, whether with actions, and a note of what is changed.
 
     If most have actions, those without are left out, such as one that began before the first action
     was received. Otherwise all actions are dropped.
 
     Parameters
     ----------
-    episodes : sequence of Episode
+    acting : sequence of bool
+        Whether each episode has actions.
     least : int
         Least number of episodes to keep.
 
     Returns
     -------
-    episodes : list of Episode
+    which : list of bool
+    with_actions : bool
     note : str
-        Empty if nothing was changed.
+        Empty if nothing is changed.
 
     """
-    acting = [episode for episode in episodes if episode.actions.size]
-    if len(acting) in (0, len(episodes)):
-        return list(episodes), ''
-    having = f'{len(acting)} of {counted(len(episodes), "episode")} have an action at every step'
-    if len(acting) >= max(least, _MOST * len(episodes)):
-        return acting, f'{having}: the others are not used'
-    return [replace(e, actions=None) for e in episodes], f'{having}: actions are not used'
+    count = sum(acting)
+    if count in (0, len(acting)):
+        return [True] * len(acting), count > 0, ''
+    having = f'{count} of {counted(len(acting), "episode")} have an action at every step'
+    if count >= max(least, _MOST * len(acting)):
+        return list(acting), True, f'{having}: the others are not used'
+    return [True] * len(acting), False, f'{having}: actions are not used'
+
+
+def with_same_actions(episodes: Sequence[Episode], least: int = 2) -> tuple[list[Episode], str]:
+    """Return the episodes to use, all with or all without actions, and the note; `which_alike`."""
+    which, with_actions, note = which_alike([e.actions.size > 0 for e in episodes], least)
+    used = list(compress(episodes, which))
+    if note and not with_actions:
+        used = [replace(episode, actions=None) for episode in used]
+    return used, note

@@ -2,12 +2,16 @@
 
 import pytest
 
-from cmifs_ros.collect.episodes.reward_check import problem_of_rewards, problem_of_target
-from cmifs_ros.core import Episode
+from cmifs_ros.collect.episodes.reward_check import problem_of_target
+from cmifs_ros.core import ConditionalMISelector, Episode
 
 
 def episodes(*rewards):
     return [Episode([[float(i)]] * len(r), r) for i, r in enumerate(rewards)]
+
+
+def thinned_of(rewards):
+    return ConditionalMISelector(gamma=0.9).thin(episodes(*rewards))
 
 
 @pytest.mark.parametrize(
@@ -20,7 +24,8 @@ def episodes(*rewards):
     ],
 )
 def test_rewards_by_which_no_return_differs_are_told_with_a_remedy(rewards, said):
-    problem = problem_of_rewards(episodes(*rewards))
+    problem = problem_of_target(episodes(*rewards), 'return')
+    assert problem_of_target(thinned_of(rewards), 'return') == problem
     assert problem.startswith(said)
     assert '`reward` in the robot file' in problem
 
@@ -35,7 +40,8 @@ def test_rewards_by_which_no_return_differs_are_told_with_a_remedy(rewards, said
     ],
 )
 def test_where_a_return_differs_there_is_no_problem(rewards):
-    assert problem_of_rewards(episodes(*rewards)) == ''
+    assert problem_of_target(episodes(*rewards), 'return') == ''
+    assert problem_of_target(thinned_of(rewards), 'return') == ''
 
 
 def test_the_action_as_target_needs_actions_and_no_reward():
