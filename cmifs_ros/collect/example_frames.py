@@ -12,6 +12,7 @@ import numpy as np
 from cmifs_ros.core.contribution import contribution
 from cmifs_ros.core.selection import Selection
 from cmifs_ros.core.targets import Contribution
+from cmifs_ros.core.thinning import ThinnedEpisodes
 
 from .pooling import Pool
 from .recorded_episodes import RecordedEpisodes
@@ -43,7 +44,11 @@ class ExampleFrame(NamedTuple):
 
 
 def example_frames(
-    selection: Selection, pool: Pool, recordings: Sequence[RecordedEpisodes], ordered: bool
+    selection: Selection,
+    episodes: ThinnedEpisodes,
+    pool: Pool,
+    recordings: Sequence[RecordedEpisodes],
+    ordered: bool,
 ) -> dict[str, list[ExampleFrame]]:
     """Return frames of each selected camera, by sensor: those that add most to the prediction.
 
@@ -53,8 +58,9 @@ def example_frames(
     Parameters
     ----------
     selection : Selection
+    episodes : ThinnedEpisodes
+        Those of the selection.
     pool : Pool
-        The episodes of the selection.
     recordings : sequence of RecordedEpisodes
         The recordings of the pool.
     ordered : bool
@@ -68,17 +74,18 @@ def example_frames(
     """
     selected = {sensor.name for sensor in selection.sensors if sensor.is_selected}
     cameras = {name for one in recordings for name in one.cameras}
+    origins = [pool.origins[place] for place in episodes.places]
     found = {}
     for name in sorted(cameras & selected):
         added = contribution(
-            selection, name, pool.episodes, pool.channel_names,
+            selection, name, episodes, pool.channel_names,
             action_names=pool.action_names, ordered=ordered,
         )  # fmt: skip
         order = np.argsort(added.values, kind='stable')
         raising = [i for i in order[::-1] if added.values[i] > 0]
         lowering = [i for i in order if added.values[i] < 0]
         rows = [row for side in (raising, lowering) for row in _of_different(added, side)]
-        found[name] = _frames(name, added, rows, pool, recordings)
+        found[name] = _frames(name, added, rows, origins, recordings)
     return found
 
 
@@ -96,13 +103,13 @@ def _frames(
     name: str,
     added: Contribution,
     rows: Sequence[int],
-    pool: Pool,
+    origins: Sequence[tuple[int, int]],
     recordings: Sequence[RecordedEpisodes],
 ) -> list[ExampleFrame]:
     pictures: dict[int, np.ndarray | None] = {}
-    for number in {pool.origins[added.episodes[row]][0] for row in rows}:
-        own = [row for row in rows if pool.origins[added.episodes[row]][0] == number]
-        steps = [(pool.origins[added.episodes[row]][1], int(added.steps[row])) for row in own]
+    for number in {origins[added.episodes[row]][0] for row in rows}:
+        own = [row for row in rows if origins[added.episodes[row]][0] == number]
+        steps = [(origins[added.episodes[row]][1], int(added.steps[row])) for row in own]
         pictures.update(zip(own, recordings[number].cameras[name](steps), strict=True))
     return [
         ExampleFrame(

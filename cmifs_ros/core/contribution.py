@@ -9,16 +9,16 @@ from collections.abc import Sequence
 import numpy as np
 
 from .blas_threads import one_blas_thread
-from .episode import Episode
-from .samples import collect_samples
+from .samples import scaled
 from .selection import Selection
 from .targets import Contribution, TargetTest
+from .thinning import ThinnedEpisodes
 
 
 def contribution(
     selection: Selection,
     sensor: str,
-    episodes: Sequence[Episode],
+    episodes: ThinnedEpisodes,
     channel_names: Sequence[str],
     *,
     action_names: Sequence[str] = (),
@@ -29,16 +29,18 @@ def contribution(
     Parameters
     ----------
     selection : Selection
-        From these episodes, by 'conditional_mi'.
+        By 'conditional_mi'.
     sensor : str
         Its name.
-    episodes, channel_names, action_names, ordered
+    episodes : ThinnedEpisodes
+        Those of the selection.
+    channel_names, action_names, ordered
         As of `select`.
 
     """
     gamma = selection.gamma or 1.0  # Without one, the target is no return.
     places = {name: i for i, name in enumerate(channel_names)}
-    samples = collect_samples(episodes, gamma=gamma, standardize=True)
+    samples = scaled(episodes.samples)
     varying = np.ptp(samples.states, axis=0) > 0
     (candidate,) = (s for s in selection.sensors if s.name == sensor)
     others = [s for s in selection.sensors if s.is_selected and s is not candidate]

@@ -130,24 +130,15 @@ class ConditionalTest:
 
         return self._for_each(of_candidate, candidates, context)
 
-    def added(
-        self, candidate: Sequence[int], given: Sequence[int]
-    ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        """Return what a candidate adds to the prediction of each variable of the target, in rows.
+    def added(self, candidate: Sequence[int], given: Sequence[int]) -> dict[str, np.ndarray]:
+        """Return what a candidate adds to the prediction of each variable, sample by sample: (N,).
 
-        Returns
-        -------
-        index : numpy.ndarray of int, shape (N,)
-            Which of the samples are the rows.
-        values : dict of str to numpy.ndarray, shape (N,)
-            By variable, in its standard deviations.
-
+        In standard deviations of the variable.
         """
         estimators, context = self._estimators(given)
         families = context.functions(*context.own([candidate]))
         functions = np.hstack(families) if families else np.empty((0, 0))
-        found = {name: estimator.added(functions) for name, estimator in estimators.items()}
-        return self._rows.index, found
+        return {name: estimator.added(functions) for name, estimator in estimators.items()}
 
     def pair_bounds(self, channels: Sequence[int], given: Sequence[int]) -> np.ndarray:
         """Return what pairs of channels may add as products, at most: shape (k, k).

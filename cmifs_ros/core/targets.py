@@ -120,9 +120,9 @@ class TargetTest:
         """Return what a candidate adds to the prediction of the variable to which it adds most."""
         parts = []
         for samples, test in zip(self._samples, self._tests, strict=True):
-            index, of_variables = test.added(candidate, given)
-            at = samples.owner[index], samples.step[index]
-            parts += [Contribution(name, *at, values) for name, values in of_variables.items()]
+            at = samples.owner, samples.step
+            added = test.added(candidate, given)
+            parts += [Contribution(name, *at, values) for name, values in added.items()]
         none = Contribution('', np.empty(0, int), np.empty(0, int), np.empty(0))
         return max(parts, key=lambda part: float(part.values.var()), default=none)
 

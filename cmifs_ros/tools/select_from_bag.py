@@ -300,7 +300,10 @@ def _write(
         written.append(options.topics)
     if options.report:
         of_pool = pool.episodes, pool.channel_names
-        frames = example_frames(selection, pool, recordings, options.order == 'time')
+        selector = ConditionalMISelector(target=selection.target, gamma=selection.gamma or 1.0)
+        frames = example_frames(
+            selection, selector.thin(pool.episodes), pool, recordings, options.order == 'time'
+        )
         written.append(
             write_report(options.report, selection, *of_pool, dropped, advice=advice, frames=frames)
         )

@@ -5,7 +5,7 @@
 import numpy as np
 import pytest
 
-from cmifs_ros.core import Episode
+from cmifs_ros.core import ConditionalMISelector, Episode
 from cmifs_ros.core.contribution import contribution
 from cmifs_ros.core.selection import select
 
@@ -30,6 +30,7 @@ def of_steps(episodes, of_states):
 
 def found_in(episodes, target, action_names=()):
     settings = SETTINGS | {'target': target}
+    episodes = ConditionalMISelector(**settings).thin(episodes)
     selection = select(episodes, NAMES, 'conditional_mi', settings, action_names=action_names)
     found = contribution(selection, 'eye', episodes, NAMES, action_names=action_names)
     (eye,) = (sensor for sensor in selection.sensors if sensor.name == 'eye')
