@@ -56,7 +56,7 @@ help:
 	@echo 'make demo [SCENARIO=with_gravel]  a demonstration: simulator, selector, downstream node'
 	@echo 'make build                        set up, build, install into install/'
 	@echo 'make test                         lint, build, and run the whole test suite'
-	@echo 'make soak                         inject faults and load for half an hour; print a table'
+	@echo 'make soak                         inject faults and load, for an hour and a half; print a table'
 	@echo "make robot [ROBOT='--goals 20']    a complete robot: select live, and from its bag"
 	@echo "make sorting [SORTING='--boxes 50']  which topics of a sorting robot can go: sorting/page"
 	@echo "make gravel [GRAVEL='--seconds 120']  gravel under an IMU of 200 Hz, with over: rms: gravel/"
