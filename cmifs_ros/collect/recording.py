@@ -20,6 +20,7 @@ from .sampling.bag_reader import OpenBag, open_bag, unwatched
 from .sampling.event_order import SECOND
 from .tables import arrow, hdf5, lerobot, lerobot_info, ulog
 from .tables.observed import observed
+from .tables.roles import Roles, steps_by_roles
 from .tables.table import Table
 from .traffic import Traffic
 
@@ -55,6 +56,7 @@ def episodes_of_recording(
     robot: RobotFile | None = None,
     watch: Callable[[Iterable, int], Iterable] = unwatched,
     open_bag: OpenBag = open_bag,
+    roles: Roles | None = None,
 ) -> RecordedEpisodes:
     """Return the complete episodes of a recording.
 
@@ -72,6 +74,8 @@ def episodes_of_recording(
         progress.
     open_bag : callable, optional
         Opens bags, in place of rosbags.
+    roles : Roles, optional
+        What the columns of a table of steps are for, if it has names of its own.
 
     Raises
     ------
@@ -81,15 +85,20 @@ def episodes_of_recording(
     """
     if not isinstance(source, (str, Path)):
         if robot is None:
-            return lerobot.steps_in('the data frame', arrow.table_of(source))
+            return _steps_of('the data frame', arrow.table_of(source), roles)
         return _sampled('the data frames', _tables_of(source), robot, watch)
     path = Path(source)
     if not path.exists():
         raise RecordingError(f'{path} does not exist; {_EXPECTED}')
+    if roles is not None and (robot is not None or path.suffix not in arrow.SUFFIXES):
+        raise RecordingError(
+            f'{path} {"is read by a robot file" if robot else "is not a table"}; only the columns '
+            'of a table whose rows are steps have roles'
+        )
     if _is_bag(path):
         return episodes_of_bag(path, robot, watch, open_bag)
     if robot is None:
-        return _steps_in(path, watch)
+        return _steps_in(path, watch, roles)
     with _tables_in(path) as tables:
         return _sampled(path, tables, robot, watch)
 
@@ -131,7 +140,11 @@ def _seconds(tables: Iterable[Table]) -> float:
     return (max(t.max() for t in known) - min(t.min() for t in known)) / SECOND if known else 0.0
 
 
-def _steps_in(path: Path, watch: Callable[[Iterable, int], Iterable]) -> RecordedEpisodes:
+def _steps_in(
+    path: Path, watch: Callable[[Iterable, int], Iterable], roles: Roles | None
+) -> RecordedEpisodes:
+    if path.is_file() and path.suffix in arrow.SUFFIXES:
+        return _steps_of(path, arrow.read(path), roles)
     if path.is_file() and path.suffix in hdf5.SUFFIXES:
         with hdf5.opened(path) as file:
             return hdf5.steps_in(path, file)
@@ -140,9 +153,11 @@ def _steps_in(path: Path, watch: Callable[[Iterable, int], Iterable]) -> Recorde
     if (path / lerobot_info.INFO).exists():
         table = arrow.read_all(path, arrow.files_in(path / lerobot_info.DATA))
         return lerobot.steps_in(path, table, lerobot_info.read_info(path), watch)
-    if path.is_file() and path.suffix in arrow.SUFFIXES:
-        return lerobot.steps_in(path, arrow.read(path))
     raise RecordingError(f'{path} is not a recording; {_EXPECTED}')
+
+
+def _steps_of(path, table, roles: Roles | None) -> RecordedEpisodes:
+    return steps_by_roles(path, table, roles) if roles else lerobot.steps_in(path, table)
 
 
 @contextmanager

@@ -69,6 +69,11 @@ def names_among(choices: Collection[str]) -> Callable[[str], list[str]]:
     return names
 
 
+def column_names(text: str) -> tuple[str, ...]:
+    """Parse names separated by commas."""
+    return tuple(text.split(','))
+
+
 def home_path(text: str) -> Path:
     """Parse a path; `~`, which the shell expands only at the beginning, is the home folder."""
     return Path(os.path.expanduser(text))

@@ -26,13 +26,22 @@ from cmifs_ros.collect.robot_file.model import SOURCES
 from cmifs_ros.collect.selection_fields import fields_of
 from cmifs_ros.collect.sensor_groups import groups_by_name
 from cmifs_ros.collect.sensor_topics import SensorTopics
+from cmifs_ros.collect.tables.roles import Roles
 from cmifs_ros.collect.traffic import rates_of
 from cmifs_ros.core import ConditionalMISelector
 from cmifs_ros.core.selection import Selection, select
 from cmifs_ros.core.targets import ACTION, RETURN, TARGETS
 from cmifs_ros.core.words import counted, first, listed
 
-from .arguments import between, file_to_write, folder_to_write, home_path, new_file, number_from
+from .arguments import (
+    between,
+    column_names,
+    file_to_write,
+    folder_to_write,
+    home_path,
+    new_file,
+    number_from,
+)
 from .bags import bag_opener
 from .program import CommandError, exit_code
 
@@ -96,6 +105,24 @@ def main(arguments: list[str] | None = None, program: str = 'select_from_bag') -
         help='order of the episodes: time, so that slow drift is no evidence, or none, for example '
         'if files are sorted by their outcome (default: %(default)s)',
     )  # fmt: skip
+    columns = parser.add_argument_group(
+        'columns of .parquet and .csv whose rows are steps, if they have names of your own; all '
+        'other columns are sensors'
+    )
+    columns.add_argument(
+        '--episode', metavar='COLUMN', help='the number or name of the episode of a row',
+    )  # fmt: skip
+    columns.add_argument(
+        '--done', type=column_names, default=(), metavar='COLUMN,...',
+        help='instead: true at the last step of an episode (without either, a file is an episode)',
+    )  # fmt: skip
+    columns.add_argument('--reward', metavar='COLUMN', help='the reward of a step')
+    columns.add_argument(
+        '--action', type=column_names, default=(), metavar='COLUMN,...', help='the actions',
+    )  # fmt: skip
+    columns.add_argument(
+        '--ignore', type=column_names, default=(), metavar='COLUMN,...', help='left out',
+    )  # fmt: skip
     discount = parser.add_mutually_exclusive_group()
     discount.add_argument(
         '--gamma', type=between(0, 1), metavar='G',
@@ -139,7 +166,9 @@ def _run(options: argparse.Namespace) -> None:
             _check_sensors(robot, options.num_features)
         paths = [one for path in options.recordings for one in recordings_in(path, robot)]
         with backend(options.scheduler):
-            recordings = list(zip(paths, _read(paths, robot, options), strict=True))
+            recordings = list(
+                zip(paths, _read(paths, robot, _roles(options), options), strict=True)
+            )
             _select(recordings, robot, options)
     except (RecordingError, RobotFileError, OSError) as error:
         raise CommandError(str(error)) from error
@@ -161,8 +190,17 @@ def _check_sensors(robot: RobotFile, num_features: int | None) -> None:
         )
 
 
+def _roles(options: argparse.Namespace) -> Roles | None:
+    """Return the roles of columns, if any is given."""
+    try:
+        roles = Roles(options.episode, options.done, options.reward, options.action, options.ignore)
+    except ValueError as error:
+        raise CommandError(str(error)) from None
+    return roles if roles.columns else None
+
+
 def _read(
-    paths: list[Path], robot: RobotFile | None, options: argparse.Namespace
+    paths: list[Path], robot: RobotFile | None, roles: Roles | None, options: argparse.Namespace
 ) -> list[RecordedEpisodes]:
     from tqdm import tqdm
 
@@ -171,12 +209,14 @@ def _read(
         def watch(messages, total):
             return tqdm(messages, total=total, unit=' messages', disable=None, leave=False)
 
-        found = (episodes_of_recording(path, robot, watch, bag_opener()) for path in paths)
+        found = (episodes_of_recording(path, robot, watch, bag_opener(), roles) for path in paths)
     else:
         from joblib import Parallel, delayed
 
         read = Parallel(options.jobs, return_as='generator')(
-            delayed(episodes_of_recording)(path.absolute(), robot, open_bag=bag_opener())
+            delayed(episodes_of_recording)(
+                path.absolute(), robot, open_bag=bag_opener(), roles=roles
+            )
             for path in paths
         )
         found = tqdm(read, total=len(paths), unit=' recordings', disable=None, leave=False)

@@ -49,6 +49,18 @@ def test_a_table_of_steps_has_the_report_of_a_bag(tmp_path, capsys):
     assert '<h1>Selected: x' in (report / 'index.html').read_text()
 
 
+def test_columns_with_names_of_their_own_need_roles(tmp_path, capsys):
+    path = write(tmp_path / 'steps.parquet')
+    names = ['batch', 'x', 'y', 'speed', 'paid']
+    parquet.write_table(parquet.read_table(path).rename_columns(names), path)
+    assert main([str(path), '--out', str(tmp_path)]) == 1
+    assert '--episode or --done, --reward, --action' in capsys.readouterr().err
+    roles = '--episode', 'batch', '--reward', 'paid', '--action', 'speed'
+    assert selected(tmp_path, path, *roles)['names'] == ['x']
+    assert main([str(path), '--out', str(tmp_path), '--reward', 'x', '--action', 'x,y']) == 1
+    assert 'x has two roles' in capsys.readouterr().err
+
+
 def test_demonstrations_without_a_reward_need_the_target_action(tmp_path, capsys):
     path = write(tmp_path / 'steps.parquet', reward=False)
     assert main([str(path), '--out', str(tmp_path)]) == 1

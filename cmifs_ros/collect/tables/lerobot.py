@@ -20,7 +20,7 @@ from cmifs_ros.collect.sampling.bag_reader import unwatched
 from cmifs_ros.core.words import first
 
 from . import videos
-from .arrow import pyarrow
+from .columns import Columns, until
 from .lerobot_info import Info
 from .steps import WHOLE, Names, Steps, episodes_of_steps
 
@@ -57,14 +57,15 @@ def steps_in(
 
     """
     info = info or Info()
-    columns = _Columns(path, table)
-    states, actions = columns.below(_STATE), columns.below(_ACTION)
+    columns = Columns(path, table)
+    states, actions = _below(columns, _STATE), _below(columns, _ACTION)
     found = _episodes(columns)
     if found is None or not (states or info.columns(_VIDEO)):
         raise RecordingError(
             f'{path} has the columns {first(table.column_names)}; expected {_STATE}.* of numbers '
-            f'and {_EPISODE} or {_DONE}, as LeRobot has them, or a robot file (--robot) if its '
-            'rows are messages'
+            f'and {_EPISODE} or {_DONE}, as LeRobot has them. If its rows are steps with names of '
+            'your own, say what the columns are for: --episode or --done, --reward, --action. If '
+            'its rows are messages, give a robot file: --robot'
         )
     rewards, success = columns.numbers(_REWARD), columns.numbers(_SUCCESS)
     frames = columns.numbers(_FRAME)
@@ -107,7 +108,7 @@ def steps_in(
 def _encoded(
     info: Info,
     column: str,
-    columns: _Columns,
+    columns: Columns,
     rows: Mapping[int, np.ndarray],
     watch: Callable[[Iterable, int], Iterable],
 ) -> tuple[np.ndarray, dict[int, Callable[[int], np.ndarray]]]:
@@ -120,72 +121,11 @@ def _encoded(
     return values, {n: partial(videos.picture, shots[n], times[rows[n]]) for n in rows}
 
 
-class _Columns:
-    """The columns of a table as arrays.
-
-    Attributes
-    ----------
-    unreadable : dict of str to str
-        Requested columns without numbers, and why.
-
-    """
-
-    def __init__(self, path, table):
-        self.path, self._table = path, table
-        self.unreadable: dict[str, str] = {}
-
-    def below(self, start: str) -> dict[str, np.ndarray]:
-        """Return all columns whose names begin with a prefix, by the rest of the name."""
-        names = self._table.column_names
-        keys = {name: _key(name, start, names) for name in names}
-        found = {key: self.numbers(name) for name, key in keys.items() if key is not None}
-        return {key: values for key, values in found.items() if values is not None}
-
-    def numbers(self, name: str) -> np.ndarray | None:
-        """Return a column, shape (rows,) or (rows, n), with NaN where it is empty, or None."""
-        if name not in self._table.column_names:
-            return None
-        pa = pyarrow()
-        column, types = self._table[name], pa.types
-        kind = column.type
-        is_list = types.is_list(kind) or types.is_large_list(kind) or types.is_fixed_size_list(kind)
-        of = kind.value_type if is_list else kind
-        if not (types.is_integer(of) or types.is_floating(of) or types.is_boolean(of)):
-            self.unreadable[name] = f'it has no numbers, but {of}'
-            return None
-        values = column.combine_chunks()
-        if isinstance(values, pa.ChunkedArray):  # It has no chunks.
-            values = pa.array([], kind)
-        shape = (len(values), self._size(name, values)) if is_list else (len(values),)
-        if shape[0] and 0 in shape:
-            self.unreadable[name] = 'its lists are empty'
-            return None
-        values = values.flatten() if is_list else values
-        values = values.cast(pa.float64() if values.null_count else of)
-        return values.to_numpy(zero_copy_only=False).reshape(shape)
-
-    def _size(self, name: str, lists) -> int:
-        """Return the number of values in each row of a column."""
-        from pyarrow import compute
-
-        sizes = compute.list_value_length(lists).fill_null(-1).to_numpy()
-        like = int(np.argmax(sizes >= 0)) if len(sizes) else 0
-        wrong = np.flatnonzero(sizes != sizes[like : like + 1])
-        if len(wrong):
-            row, size = wrong[0], sizes[wrong[0]]
-            raise RecordingError(
-                f'{self.path}: row {row} of {name} has {"nothing" if size < 0 else size}; '
-                f'expected {sizes[like]} numbers, as row {like} has'
-            )
-        return max(0, int(sizes[like])) if len(sizes) else 0
-
-    def complete(self, name: str) -> np.ndarray | None:
-        """Return a column as `numbers` does; raise RecordingError if a row has none."""
-        numbers = self.numbers(name)
-        unknown = [] if numbers is None else np.flatnonzero(np.isnan(numbers))
-        if len(unknown):
-            raise RecordingError(f'{self.path}: row {unknown[0]} has no {name}')
-        return numbers
+def _below(columns: Columns, start: str) -> dict[str, np.ndarray]:
+    """Return all columns whose names begin with a prefix, by the rest of the name."""
+    keys = {name: _key(name, start, columns.names) for name in columns.names}
+    found = {key: columns.numbers(name) for name, key in keys.items() if key is not None}
+    return {key: values for key, values in found.items() if values is not None}
 
 
 def _key(name: str, start: str, names: Container[str]) -> str | None:
@@ -195,7 +135,7 @@ def _key(name: str, start: str, names: Container[str]) -> str | None:
     return name[len(start) + 1 :] if name.startswith(f'{start}.') else None
 
 
-def _episodes(columns: _Columns) -> dict[int, np.ndarray] | None:
+def _episodes(columns: Columns) -> dict[int, np.ndarray] | None:
     """Return the rows of each complete episode by number; None if no column separates them."""
     numbers, frames = columns.complete(_EPISODE), columns.numbers(_FRAME)
     if numbers is not None:
@@ -206,8 +146,7 @@ def _episodes(columns: _Columns) -> dict[int, np.ndarray] | None:
     done = columns.complete(_DONE)
     if done is None:
         return None
-    ends = np.flatnonzero(done) + 1
-    return dict(enumerate(np.split(np.arange(len(done)), ends)[: len(ends)]))
+    return dict(enumerate(until(done)))
 
 
 def _rewards(

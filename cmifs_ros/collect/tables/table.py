@@ -159,7 +159,8 @@ def times_of(name: str, columns: Mapping[str, np.ndarray]) -> np.ndarray:
     else:
         raise RecordingError(
             f'{name} has no column {SECONDS} (seconds or dates), {NANOSECONDS} or {STAMP[0]}, '
-            'for the time of a row; with a robot file, rows are messages'
+            'for the time of a row: in a robot file, rows are messages. If they are steps, give '
+            'select_from_bag the roles of the columns instead: --episode, --reward, --action'
         )
     return np.round(times).astype(np.int64)
 

@@ -1,0 +1,147 @@
+# SPDX-License-Identifier: Apache-2.0
+
+"""Tables of steps whose columns have names of the user's own."""
+
+import numpy as np
+import pytest
+
+pytest.importorskip('pyarrow', reason='pyarrow is not here')
+import pyarrow as pa
+from hypothesis import given
+from hypothesis import strategies as st
+from pyarrow import csv
+
+from cmifs_ros.collect.recorded_episodes import RecordingError
+from cmifs_ros.collect.recording import episodes_of_recording
+from cmifs_ros.collect.tables.roles import Roles
+
+ROLES = Roles('batch', reward='score', action=('heater', 'fan'), ignore=('t',))
+
+
+def log(lengths=(4, 6, 5), seed=0):
+    """Return a table of an oven's batches."""
+    rng = np.random.default_rng(seed)
+    count = sum(lengths)
+    return pa.table(
+        {
+            'batch': np.repeat([f'B{i}' for i in range(len(lengths))], lengths),
+            't': np.concatenate([np.arange(n) for n in lengths]),
+            'temperature': rng.normal(size=count),
+            'humidity': rng.uniform(size=count),
+            'operator': ['ann'] * count,
+            'heater': rng.integers(2, size=count),
+            'fan': rng.choice([0.0, 0.5, 1.0], size=count),
+            'score': rng.normal(size=count),
+            'over': np.concatenate([np.arange(n) == n - 1 for n in lengths]),
+            'stopped': np.zeros(count, bool),
+        }
+    )
+
+
+def same(ours, theirs):
+    pairs = zip(ours.episodes, theirs.episodes, strict=True)
+    return all(
+        np.array_equal(a.states, b.states)
+        and np.array_equal(a.rewards, b.rewards)
+        and np.array_equal(a.actions, b.actions)
+        for a, b in pairs
+    )
+
+
+def test_columns_with_roles_give_the_episodes_of_a_table_with_the_names_of_lerobot():
+    table = log()
+    found = episodes_of_recording(table.drop(['over', 'stopped']), roles=ROLES)
+    renamed = pa.table(
+        {
+            'episode_index': np.repeat([0, 1, 2], [4, 6, 5]),
+            'observation.temperature': table['temperature'],
+            'observation.humidity': table['humidity'],
+            'action.heater': table['heater'],
+            'action.fan': table['fan'],
+            'next.reward': table['score'],
+        }
+    )
+    assert found.channel_names == ('temperature', 'humidity')
+    assert found.action_names == ('action_heater.0', 'action_heater.1', 'action_fan')
+    assert same(found, episodes_of_recording(renamed))
+    assert 'operator' in found.unreadable
+
+
+@given(st.randoms(use_true_random=False))
+def test_rows_of_episodes_may_be_mixed(random):
+    table = log()
+    ends = {'B0': 4, 'B1': 10, 'B2': 15}
+    begins = {'B0': 0, 'B1': 4, 'B2': 10}
+    left = [batch for batch in ends for _ in range(ends[batch] - begins[batch])]
+    random.shuffle(left)
+    rows, place = [], dict(begins)
+    for batch in left:
+        rows.append(place[batch])
+        place[batch] += 1
+    mixed = episodes_of_recording(table.take(rows), roles=ROLES)
+    whole = episodes_of_recording(table, roles=ROLES)
+    order = list(dict.fromkeys(left))
+    for episode, batch in zip(mixed.episodes, order, strict=True):
+        assert np.array_equal(episode.states, whole.episodes[int(batch[1])].states)
+
+
+def test_a_true_value_in_any_of_the_columns_ends_an_episode():
+    table = log()
+    by_end = Roles(
+        done=('over', 'stopped'), reward='score', action=('heater', 'fan'), ignore=('t',)
+    )
+    by_name = Roles(
+        'batch', reward='score', action=('heater', 'fan'), ignore=('t', 'over', 'stopped')
+    )
+    assert same(
+        episodes_of_recording(table, roles=by_end), episodes_of_recording(table, roles=by_name)
+    )
+    open_end = episodes_of_recording(table.slice(0, 12), roles=by_end)
+    assert len(open_end.episodes) == 2
+    assert open_end.num_open_steps == 2
+
+
+def test_without_a_column_for_it_each_table_is_an_episode(tmp_path):
+    csv.write_csv(log([7]), tmp_path / 'run.csv')
+    found = episodes_of_recording(tmp_path / 'run.csv', roles=Roles(reward='score'))
+    assert [len(episode) for episode in found.episodes] == [7]
+
+
+def test_a_table_without_a_reward_says_so():
+    assert episodes_of_recording(log(), roles=Roles('batch')).no_rewards
+
+
+@pytest.mark.parametrize(
+    ('roles', 'said'),
+    [
+        (Roles('lot'), 'no column lot'),
+        (Roles('batch', reward='operator'), 'operator: it has no numbers'),
+        (Roles('batch', ignore=('t', 'temperature', 'humidity', 'heater', 'fan', 'score', 'over',
+                                'stopped')), 'no sensors'),
+    ],
+)  # fmt: skip
+def test_a_column_that_does_not_fit_its_role_is_named(roles, said):
+    with pytest.raises(RecordingError, match=said):
+        episodes_of_recording(log(), roles=roles)
+
+
+def test_a_row_without_an_episode_is_named():
+    table = log()
+    batches = table['batch'].to_pylist()
+    batches[3] = None
+    table = table.set_column(0, 'batch', pa.array(batches))
+    with pytest.raises(RecordingError, match='row 3 has no batch'):
+        episodes_of_recording(table, roles=ROLES)
+
+
+def test_a_column_has_one_role():
+    with pytest.raises(ValueError, match='score has two roles'):
+        Roles('batch', reward='score', action=('score',))
+    with pytest.raises(ValueError, match='either episode or done'):
+        Roles('batch', done=('over',))
+
+
+def test_only_tables_have_roles(tmp_path):
+    (tmp_path / 'run.mcap').touch()
+    with pytest.raises(RecordingError, match='not a table'):
+        episodes_of_recording(tmp_path / 'run.mcap', roles=ROLES)
