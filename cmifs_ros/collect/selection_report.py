@@ -45,10 +45,8 @@ def headline(selection: Selection) -> str:
     if not selection.changing:
         return f'no sensor changed in {sizes}: nothing can be selected'
     if not selection.indices:
-        more = 'more may show it'
-        if selection.target != ACTION:
-            more += ' if the reward is that of the task'
-        return f'{nothing_selected(selection)}; {sizes}, and {more}'
+        check = '' if selection.target == ACTION else '; check that the reward is that of the task'
+        return f'{nothing_selected(selection)} in {sizes}{check}'
     return f'selected {listed(selection.names)}'
 
 

@@ -92,8 +92,8 @@ def problems_of_skill(predicted_shares: Shares, num_channels: int) -> list[str]:
     said = [f'{short(action)}: {share:.0%} of its variance' for action, share in skilled.items()]
     return [
         f'the action follows from the sensors ({first(said)}): if a controller always acts alike, '
-        "the return cannot show what its sensors are good for; target 'action' finds what the "
-        'controller looks at'
+        "the return cannot show what it needs its sensors for; target 'action' finds which ones it "
+        'uses'
     ]
 
 
@@ -203,12 +203,13 @@ def _problems_of_order(means: np.ndarray) -> list[str]:
         return [
             f'the return follows the order of the episodes ({drift:.0%} of its variance between '
             'episodes is slow drift), so sensors that drift along have no evidence; if the order '
-            'means nothing, for example in files sorted by outcome, set ordered=False'
+            'means nothing, for example in files sorted by outcome, use --order none '
+            '(ordered=False)'
         ]
     worth = independent_episodes(means)
     if worth < _FEW_INDEPENDENT * count and _is_autocorrelated(means):
         return [
-            f'{counted(count, "episode")} resemble their neighbours and are worth about '
+            f'{counted(count, "episode")} resemble their neighbours, so they count as about '
             f'{worth:.0f} independent ones'
         ]
     return []

@@ -77,7 +77,7 @@ class SimulatorNode(Node):
         self._make_world()
         self._running = self._world  # A new world starts with the next episode.
         if self._settings['wait_for_subscribers']:
-            self.get_logger().info('waiting for a subscriber of state and reward')
+            self.get_logger().info('waiting for subscribers of state and reward')
         self._timer = self.create_timer(1 / self._settings['rate'], self._tick)
 
     def _apply_parameters(self, changed: dict) -> None:

@@ -181,7 +181,7 @@ def _states(processes: Processes, count: int) -> list[str]:
 def main(arguments: list[str] | None = None) -> int:
     """Run the demo; return the exit code."""
     parser = demo_parser('demo', __doc__.splitlines()[0])
-    parser.add_argument('--rate', type=float, default=400.0, help='steps per second')
+    parser.add_argument('--rate', type=float, default=400.0, help='steps per second (default 400)')
     options = parsed(parser, arguments)
 
     stay_apart()

@@ -28,7 +28,7 @@ def main(arguments: list[str] | None = None, program: str = 'make_robot_file') -
         metavar='BAG',
         help='a bag, or tables of messages (default: listen to the running robot)',
     )
-    parser.add_argument('--bag', type=home_path, metavar='BAG', help='the same')
+    parser.add_argument('--bag', type=home_path, metavar='BAG', help='the same as BAG')
     parser.add_argument(
         '--seconds', type=number_from(1), default=5, metavar='N',
         help='seconds to listen (default 5)',
@@ -87,7 +87,7 @@ def _listen(seconds: int) -> str:
     if not any(one.count for one in heard):
         raise CommandError(
             f'no message was heard in {seconds} s; is the robot running, with the same '
-            'ROS_DOMAIN_ID? --seconds listens longer, --bag reads a recording'
+            'ROS_DOMAIN_ID? --seconds listens longer; BAG reads a recording'
         )
     text = robot_file_of_topics('the running robot', heard, seconds)
     return text + ''.join(f'# {line}\n' for line in unknown)

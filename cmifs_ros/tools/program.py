@@ -87,7 +87,7 @@ def cmifs() -> int:
     commands = '\n'.join(f'  {name:12}{run.__doc__}' for name, run in COMMANDS.items())
     parser = argparse.ArgumentParser(
         'cmifs', usage='cmifs COMMAND ...', formatter_class=argparse.RawDescriptionHelpFormatter,
-        description='Which sensors does a robot need, and what would each cost?\n\n'
+        description='Which sensors can a robot do without, and what would it cost?\n\n'
         f'commands:\n{commands}\n\n`cmifs COMMAND --help` lists the options of a command.',
     )  # fmt: skip
     parser.add_argument('command', nargs='?', choices=COMMANDS, help=argparse.SUPPRESS)

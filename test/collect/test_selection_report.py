@@ -35,13 +35,12 @@ def test_the_headline_says_what_is_sure_and_what_is_not():
     assert headline(CONFIRMED) == 'selected b'
     assert headline(UNDECIDED) == 'nothing confirmed yet; 25 episodes, best so far b, p = 0.2'
     assert headline(NOTHING) == (
-        'no evidence that any sensor is informative about the return; 25 episodes, and more may '
-        'show it if the reward is that of the task'
+        'no evidence that any sensor is informative about the return in 25 episodes; check '
+        'that the reward is that of the task'
     )
     no_reward = selection(DISPENSABLE, target='action')
     assert headline(no_reward) == (
-        'no evidence that any sensor is informative about the action; 25 episodes, and more may '
-        'show it'
+        'no evidence that any sensor is informative about the action in 25 episodes'
     )
     constant = selection(replace(DISPENSABLE, is_constant=True))
     assert headline(constant) == 'no sensor changed in 25 episodes: nothing can be selected'

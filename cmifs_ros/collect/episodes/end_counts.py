@@ -61,7 +61,8 @@ class EndCounts:
         for kind, reasons in self.shortened.items():
             what = (
                 f'last steps of episodes that ended by `{kind}`: {listed(list(reasons))}; their '
-                f'rewards count at the last complete step (of {self.ended[kind]} that ended so)'
+                f'rewards count at the last complete step (of {self.ended[kind]} that ended '
+                'this way)'
             )
             said[what] = reasons.total()
         return said

@@ -81,7 +81,7 @@ def problems_of_episodes(lengths: Sequence[int], num_cut: int, num_open_steps: i
     if num_single > count / 2:
         problems.append(
             f'a single step in {num_single} of {whole}: the end condition seems to hold at every '
-            'step; a topic that ends episodes must publish at ends only'
+            'step; a topic that ends episodes must publish only when one ends'
         )
     if count < FEWEST_EPISODES:
         problems.append(

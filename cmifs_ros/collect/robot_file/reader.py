@@ -177,7 +177,7 @@ class _FileReader(SourceReader):
         names = [field.name for field in dataclasses.fields(SavingCycle)]
         found = self.mapping(node, 'saving', tuple(names))
         if 'episode' not in top:
-            self.note(node, 'saving stands without episode, by which it counts; add episode')
+            self.note(node, 'saving needs episode, because it counts episodes; add episode')
         numbers = {n: self.number(found.get(n), f'saving.{n}', 1, 10**6) for n in names}
         return SavingCycle(**{name: int(n) for name, n in numbers.items() if n is not None})
 

@@ -69,14 +69,14 @@ class SourceReader(EncoderReader):
         if encoder and (path.is_list or path.names or inf):
             self.note(
                 node, f'{name} has as; expected {encoder.expected}, without a slice, names in '
-                'braces, and inf',
+                'braces or inf',
             )  # fmt: skip
             return None
         kinds = self._kinds(parts['one_hot'], name) if 'one_hot' in parts else ()
         if kinds and (len(path.suffixes) > 1 or encoder or inf or role == VALUE):
             self.note(
                 node,
-                f'{name} has one_hot; expected a channel of a single value, without as and inf. '
+                f'{name} has one_hot; expected a channel of a single value, without as or inf. '
                 f'Under values leave out one_hot: reward and episode compare {name} == 2, or '
                 f"{name} == 'done' if it is a text",
             )
@@ -85,7 +85,7 @@ class SourceReader(EncoderReader):
         if over and (encoder or kinds or (len(over) > 1 and len(path.suffixes) > 1)):
             self.note(
                 node,
-                f'{name} has over; expected numbers, without as and one_hot, and for several '
+                f'{name} has over; expected numbers, without as or one_hot, and for several '
                 'summaries a single value',
             )
         source = Source(name, path, encoder, max_age, inf and inf.value, kinds, role, over)

@@ -168,7 +168,7 @@ def _part(group, names: tuple[str, ...]):
 def _steps(name: str, group, unreadable: dict[str, str]) -> Steps:
     states = _numbers(_part(group, _STATES), unreadable)
     if not states:
-        raise RecordingError(f'{name} has no state of numbers; {_said(unreadable)}')
+        raise RecordingError(f'{name} has no numeric states; {_said(unreadable)}')
     actions = _part(group, _ACTIONS)
     found_actions = {} if actions is None else _numbers(actions, unreadable)
     rewards = _part(group, _REWARDS)
@@ -184,7 +184,7 @@ def _steps(name: str, group, unreadable: dict[str, str]) -> Steps:
     if wrong:
         raise RecordingError(
             f'{name} has {count} steps by its {next(iter(sizes))}, but {first(wrong)}; expected '
-            'as many of all, or of states one more'
+            'the same number of each, or one state more'
         )
     states = {key: part[:count] for key, part in states.items()}
     return Steps(name, states, found_actions, values.get('rewards'))

@@ -156,7 +156,7 @@ def test_mistakes_in_the_file(wrong, said):
 
 
 def test_saving_needs_to_know_where_episodes_end():
-    with pytest.raises(RobotFileError, match='saving stands without episode'):
+    with pytest.raises(RobotFileError, match='saving needs episode'):
         parse_robot_file(FILE.replace('episode: {steps: 5}', ''))
 
 

@@ -77,7 +77,8 @@ def test_an_episode_is_kept_up_to_where_a_topic_fell_silent_with_all_that_it_was
         [0.1 * i for i in range(LENGTH, 2 * LENGTH - num_silent)]
     )
     # Of a single moment, which the last step reaches, nothing is lacking.
-    said = 'they lack near; their rewards count at the last complete step (of 3 that ended so)'
+    said = 'they lack near; their rewards count at the last complete step '
+    said += '(of 3 that ended this way)'
     assert sampler.ends.dropped_in_words() == (
         {f'last steps of episodes that ended by `terminated`: {said}': 1} if num_silent > 1 else {}
     )

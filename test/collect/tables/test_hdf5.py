@@ -171,11 +171,11 @@ def test_aloha_has_an_episode_in_each_file_and_no_reward(tmp_path):
     ('change', 'said'),
     [
         ({'episode_1/observations': np.zeros((9, 4))}, 'episode_1 has 5 steps by its action, but '
-         'state 9; expected as many of all, or of states one more'),
+         'state 9; expected the same number of each, or one state more'),
         ({'episode_1/rewards': np.zeros(4)}, 'episode_1 has 5 steps by its action, but rewards 4'),
         ({'episode_1/observations': np.zeros((6, 3))}, 'episode_1 has states of 3 numbers; '
          'expected 4 numbers, as '),
-        ({'episode_1/observations': np.zeros((6, 4, 4))}, 'episode_1 has no state of numbers; '
+        ({'episode_1/observations': np.zeros((6, 4, 4))}, 'episode_1 has no numeric states; '
          '/episode_1/observations: images are not read'),
         ({'episode_1/rewards': None}, 'has rewards in some episodes only; expected them in all'),
     ],
