@@ -254,8 +254,9 @@ def _steps(rates: Mapping[str, float]) -> list[str]:
     slow, fast = min(rates, key=rates.__getitem__), max(rates, key=rates.__getitem__)
     # Steps faster than any topic would only repeat its values.
     fits = next((rate for rate in _RATES if rate <= _SLACK * rates[fast]), _RATES[-1])
+    slowest = '' if slow == fast else f'{rates[slow]:.2g} Hz ({slow}) to '
     return [
-        f'# Seen: {rates[slow]:.2g} Hz ({slow}) to {rates[fast]:.3g} Hz ({fast}).',
+        f'# Seen: {slowest}{rates[fast]:.3g} Hz ({fast}).',
         '# Between its messages a slow topic keeps its value until max_age; of a fast one the',
         '# newest message counts, or all of them with `over`.',
         f'step: {{rate: {fits}}}',
