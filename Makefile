@@ -6,6 +6,7 @@ SCENARIO ?= without_gravel
 PAPER ?=
 BENCHMARK ?=
 GROWTH ?=
+FLEET ?=
 ACCURACY ?=
 EVIDENCE ?=
 LEVEL ?=
@@ -49,7 +50,7 @@ ENTER := . $(VENV)/bin/activate && { [ ! -f install/setup.bash ] || . install/se
 # Run colcon with the environment's own Python: another colcon would build for another Python.
 COLCON := python -c 'import sys; from colcon_core.command import main; sys.exit(main())'
 
-.PHONY: help demo test test-installed test-oldest soak robot sorting gravel load saving paper benchmark growth accuracy evidence level targets looks camera constants change oracle learning ablation loop lint \
+.PHONY: help demo test test-installed test-oldest soak robot sorting gravel load saving paper benchmark growth fleet accuracy evidence level targets looks camera constants change oracle learning ablation loop lint \
 	build docs clean
 
 help:
@@ -65,6 +66,7 @@ help:
 	@echo "make paper [PAPER='--trials 6']    reproduce the figures of the paper: reproduction/"
 	@echo "make benchmark [BENCHMARK='--trials 3']  time and rank sum beside the baselines"
 	@echo "make growth [GROWTH='steps']       time and memory by episodes, steps, channels: growth/"
+	@echo "make fleet [FLEET='--bags 50']     time, memory and bytes moved by a fleet's bags, with and without Dask"
 	@echo "make accuracy [ACCURACY='--trials 6']  rank sums on many tasks with few episodes"
 	@echo "make evidence [EVIDENCE='--trials 6']  how often exactly the right sensors are confirmed"
 	@echo "make looks [LOOKS='--trials 20']  how often anything irrelevant is ever confirmed over many looks"
@@ -118,6 +120,9 @@ paper: build
 
 benchmark: build
 	@$(ENTER) && exec python -m studies.speed.benchmark $(BENCHMARK)
+
+fleet: build
+	@$(ENTER) && exec python -m studies.speed.fleet $(FLEET)
 
 growth: build
 	@$(ENTER) && exec python -m studies.speed.growth $(GROWTH)

@@ -74,7 +74,6 @@ def example_frames(
     """
     selected = {sensor.name for sensor in selection.sensors if sensor.is_selected}
     cameras = {name for one in recordings for name in one.cameras}
-    origins = [pool.origins[place] for place in episodes.places]
     found = {}
     for name in sorted(cameras & selected):
         added = contribution(
@@ -85,7 +84,7 @@ def example_frames(
         raising = [i for i in order[::-1] if added.values[i] > 0]
         lowering = [i for i in order if added.values[i] < 0]
         rows = [row for side in (raising, lowering) for row in _of_different(added, side)]
-        found[name] = _frames(name, added, rows, origins, recordings)
+        found[name] = _frames(name, added, rows, pool.origins, recordings)
     return found
 
 

@@ -4,14 +4,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import compress
+from functools import cached_property
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 
-from cmifs_ros.collect.episodes.same_actions import with_same_actions
+from cmifs_ros.collect.episodes.same_actions import which_alike
+from cmifs_ros.collect.outline import Outline, Trace
 from cmifs_ros.collect.recorded_episodes import RecordedEpisodes, RecordingError
 from cmifs_ros.core import Episode
 from cmifs_ros.core.words import counted
@@ -24,32 +26,67 @@ _SAME = 0.5
 _OVERLAP = 0.05
 
 
+@dataclass(frozen=True)
+class Share:
+    """What a recording gives to a pool.
+
+    Attributes
+    ----------
+    recording : int
+        Its index among those given.
+    source : str
+        The robot or recording that it belongs to.
+    which : numpy.ndarray of int, shape (M,)
+        The episodes that are used, at least one.
+    with_actions : bool
+        Whether their actions are used.
+
+    """
+
+    recording: int
+    source: str
+    which: np.ndarray
+    with_actions: bool
+
+
 @dataclass
 class Pool:
-    """Episodes of several recordings.
+    """Episodes of several recordings, which stay where they are.
 
     Attributes
     ----------
     channel_names : tuple of str
-    episodes : list of Episode
-        In the order of their recordings' time, each with its source.
+    shares : list of Share
+        In the order of the recordings' time.
+    lengths : numpy.ndarray of int, shape (M,)
+        The number of steps of each episode.
     step_seconds : float
         Median time between steps; NaN if no episode has two.
     notes : list of str
         What was left out, and what looks wrong.
     action_names : tuple of str
         Names of the values of an action; empty if some episodes have no actions.
-    origins : list of (int, int)
-        The recording of each episode, and which one it is of that.
 
     """
 
     channel_names: tuple[str, ...] = ()
-    episodes: list[Episode] = field(default_factory=list)
+    shares: list[Share] = field(default_factory=list)
+    lengths: np.ndarray = field(default_factory=lambda: np.empty(0, int))
     step_seconds: float = float('nan')
     notes: list[str] = field(default_factory=list)
     action_names: tuple[str, ...] = ()
-    origins: list[tuple[int, int]] = field(default_factory=list)
+
+    @property
+    def origins(self) -> list[tuple[int, int]]:
+        """The recording of each episode, and its index there."""
+        return [(share.recording, i) for share in self.shares for i in share.which.tolist()]
+
+
+def episodes_of_share(recording: RecordedEpisodes, share: Share) -> list[Episode]:
+    """Return the episodes that a recording gives to a pool, each with its source."""
+    episodes = [recording.episodes[i] for i in share.which]
+    without = {} if share.with_actions else {'actions': None}
+    return [replace(episode, source=share.source, **without) for episode in episodes]
 
 
 def source_of(path: str | Path, by: str) -> str:
@@ -66,17 +103,23 @@ def source_of(path: str | Path, by: str) -> str:
     return {'none': '', 'bag': str(whole), 'folder': str(whole.parent)}[by]
 
 
-def pooled(recordings: Sequence[tuple[str, RecordedEpisodes]], by: str = 'none') -> Pool:
-    """Return the episodes of several recordings.
+def pooled(
+    recordings: Sequence[tuple[str, Outline]],
+    trace: Callable[[int], Trace],
+    by: str = 'none',
+) -> Pool:
+    """Return which episodes of several recordings to use.
 
     Each step counts once: if an earlier recording has one with the same time and values, as with a
-    second recorder or a trimmed copy, the episode is left out. If a recording has no times, its
-    episodes are left out if another recording has the same complete episode.
+    second recorder or a trimmed copy, the episode is left out; so is a copy of a whole episode,
+    whenever it was recorded.
 
     Parameters
     ----------
-    recordings : sequence of (str, RecordedEpisodes)
-        Paths and contents. Those without times come last, in the given order.
+    recordings : sequence of (str, Outline)
+        Paths and outlines. Those without times come last, in the given order.
+    trace : callable
+        Returns the trace of a recording, given its index; only if it overlaps others in time.
     by : str
         What distinguishes the sources, see `source_of`.
 
@@ -86,106 +129,146 @@ def pooled(recordings: Sequence[tuple[str, RecordedEpisodes]], by: str = 'none')
         If the recordings differ in their channels or actions.
 
     """
-    pool = Pool()
-    kept: list[_Recorded] = []
-    numbered = [(i, path, one) for i, (path, one) in enumerate(recordings) if one.episodes]
-    distances = np.concatenate([np.empty(0), *(one.distances for _, _, one in numbered)])
-    if len(distances):
-        pool.step_seconds = float(np.median(distances)) / 1e9
-    for number, path, one in sorted(numbered, key=lambda item: _begin(item[2])):
-        if one.channel_names != (pool.channel_names or one.channel_names):
-            raise RecordingError(
-                f'{path} has other channels than {kept[0].path}; expected the same'
-            )
-        if pool.action_names and one.action_names not in ((), pool.action_names):
-            raise RecordingError(f'{path} has other actions than {kept[0].path}; expected the same')
-        pool.channel_names = one.channel_names
-        recorded = _Recorded(path, source_of(path, by), one, [True] * len(one.episodes))
-        is_kept = recorded.not_in(kept, pool)
+    numbered = [(i, path, one) for i, (path, one) in enumerate(recordings) if len(one)]
+    pool = Pool(step_seconds=_step_seconds([one for _, _, one in numbered]))
+    used: list[_Used] = []  # those that may overlap the next ones
+    known: set[bytes] = set()
+    first = ''
+    for number, path, one in sorted(numbered, key=lambda item: item[2].begin):
+        facts = one.recording
+        if facts.channel_names != (pool.channel_names or facts.channel_names):
+            raise RecordingError(f'{path} has other channels than {first}; expected the same')
+        if pool.action_names and facts.action_names not in ((), pool.action_names):
+            raise RecordingError(f'{path} has other actions than {first}; expected the same')
+        pool.channel_names = facts.channel_names
+        step = pool.step_seconds * 1e9
+        used = [other for other in used if not other.end + step < one.begin]
+        this = _Used(path, source_of(path, by), number, one, trace)
+        is_kept = this.not_in(used, step, pool.notes)
+        places = {p: i for i, p in reversed(list(enumerate(one.prints)))}  # of the first of copies
+        is_new = [p not in known and places[p] == i for i, p in enumerate(one.prints)]
+        num_copies = sum(kept and not new for kept, new in zip(is_kept, is_new, strict=True))
         if not all(is_kept):
-            pool.notes.append(
-                f'{path}: {is_kept.count(False)} of {counted(len(is_kept), "episode")} left out, '
-                'because they were recorded twice'
-            )
-        if any(is_kept):
-            kept.append(_Recorded(path, recorded.source, one, is_kept))
-            new = compress(one.episodes, is_kept)
-            pool.episodes += [replace(episode, source=recorded.source) for episode in new]
-            pool.action_names = pool.action_names or one.action_names
-            pool.origins += [(number, i) for i in np.flatnonzero(is_kept).tolist()]
-    episodes, note = with_same_actions(pool.episodes)
-    if len(episodes) < len(pool.episodes):
-        pool.origins = list(compress(pool.origins, [e.actions.size for e in pool.episodes]))
-    pool.episodes = episodes
-    pool.notes += [note] if note else []
-    if pool.episodes and not pool.episodes[0].actions.size:
-        pool.action_names = ()
+            pool.notes.append(_left_out(path, sum(not kept for kept in is_kept), len(one)))
+        if num_copies:
+            pool.notes.append(f'{_left_out(path, num_copies, len(one))}, with all their values')
+        this.which = np.flatnonzero(np.array(is_kept) & np.array(is_new))
+        if len(this.which):
+            first = first or path
+            known.update(one.prints[i] for i in this.which)
+            used += [this] if np.isfinite(one.begin) else []
+            pool.action_names = pool.action_names or facts.action_names
+            pool.shares.append(Share(number, this.source, this.which, True))
+    _reconcile(pool, [one for _, one in recordings])
     return pool
 
 
-def _begin(recording: RecordedEpisodes) -> float:
-    return float('inf') if recording.stamps is None else recording.stamps[0][0]
+def _left_out(path: str, count: int, total: int) -> str:
+    return (
+        f'{path}: {count} of {counted(total, "episode")} left out, because they were recorded twice'
+    )
 
 
-class _Recorded:
-    """The steps of a recording's episodes, concatenated."""
+def _reconcile(pool: Pool, outlines: Sequence[Outline]) -> None:
+    """Let all episodes have actions or none; set their lengths."""
 
-    def __init__(self, path: str, source: str, recording: RecordedEpisodes, which: Sequence[bool]):
-        self.path, self.source = path, source
-        self._episodes = list(compress(recording.episodes, which))
-        self._has_times = recording.stamps is not None
-        if recording.stamps is not None:
-            self._stamps = np.concatenate(list(compress(recording.stamps, which)))
-            self._states = np.concatenate([episode.states for episode in self._episodes])
-            self._order = np.argsort(self._stamps, kind='stable')
+    def together(of_outline: Callable[[Outline], np.ndarray]) -> np.ndarray:
+        parts = [of_outline(outlines[share.recording])[share.which] for share in pool.shares]
+        return np.concatenate([np.empty(0, int), *parts])
 
-    def not_in(self, others: Sequence[_Recorded], pool: Pool) -> list[bool]:
-        """Return which episodes are not in others; add notes about what looks wrong."""
-        if not self._has_times:
-            known = {_content(e) for other in others for e in other._episodes}
-            return [_content(episode) not in known for episode in self._episodes]
-        repeated = np.zeros(len(self._stamps), bool)
-        for other in (other for other in others if other._has_times):
-            at_same_time, same = self._compared(other, pool.step_seconds * 1e9)
-            if same.sum() >= _SAME * at_same_time.sum() > 0:
-                repeated |= same
-                pool.notes.append(
-                    f'{self.path} repeats {counted(int(same.sum()), "step")} of {other.path}'
-                )
-            elif at_same_time.mean() > _OVERLAP and self.source == other.source:
-                pool.notes.append(
-                    f'{self.path} and {other.path} overlap in time but differ in values; if they '
-                    'are from two robots or two simulated runs, use --source bag'
-                )
-        ends = np.cumsum([len(episode) for episode in self._episodes])
-        return [not part.any() for part in np.split(repeated, ends[:-1])]
+    which, with_actions, note = which_alike(together(lambda one: one.is_acting).astype(bool))
+    pool.notes += [note] if note else []
+    pool.lengths = together(lambda one: one.lengths)[which]
+    ends = np.cumsum([0, *(len(share.which) for share in pool.shares)])
+    pool.shares = [
+        replace(share, which=share.which[which[a:b]], with_actions=with_actions)
+        for share, (a, b) in zip(pool.shares, pairwise(ends), strict=True)
+        if any(which[a:b])
+    ]
+    if not with_actions:
+        pool.action_names = ()
 
-    def _compared(self, other: _Recorded, step: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return which steps are simultaneous with one of another, and which are the same.
+
+def _step_seconds(outlines: Sequence[Outline]) -> float:
+    """Return the median time between steps, where those of a recording have their median."""
+    known = sorted((one.distance, one.num_distances) for one in outlines if one.num_distances)
+    if not known:
+        return float('nan')
+    distances, counts = np.transpose(known)
+    return float(distances[np.searchsorted(np.cumsum(counts), counts.sum() / 2)]) / 1e9
+
+
+class _Used:
+    """A recording and which of its episodes are used."""
+
+    def __init__(
+        self,
+        path: str,
+        source: str,
+        number: int,
+        outline: Outline,
+        trace: Callable[[int], Trace],
+    ):
+        self.path, self.source, self.end = path, source, outline.end
+        self.which = np.arange(len(outline))
+        self._number, self._num_episodes = number, len(outline)
+        self._has_times = np.isfinite(outline.begin)
+        self._load = trace
+
+    @cached_property
+    def _trace(self) -> Trace:
+        return self._load(self._number)
+
+    @cached_property
+    def _in_order(self) -> tuple[np.ndarray, np.ndarray]:
+        """The stamps and fingerprints of the used episodes, in the order of time."""
+        trace = self._trace
+        rows = np.flatnonzero(np.isin(trace.owner, self.which))
+        rows = rows[np.argsort(trace.stamps[rows], kind='stable')]
+        return trace.stamps[rows], trace.prints[rows]
+
+    def not_in(self, others: Sequence[_Used], step: float, notes: list[str]) -> np.ndarray:
+        """Return which episodes are not in others; add notes about what looks wrong.
 
         Parameters
         ----------
-        other : _Recorded
+        others : sequence of _Used
+            Those that may overlap.
         step : float
             Time between two steps, in nanoseconds.
+        notes : list of str
+
+        """
+        is_repeated = np.zeros(self._num_episodes, bool)
+        for other in others if self._has_times else ():
+            at_same_time, same = self._compared(other, step)
+            if same.sum() >= _SAME * at_same_time.sum() > 0:
+                is_repeated[self._trace.owner[same]] = True
+                notes.append(
+                    f'{self.path} repeats {counted(int(same.sum()), "step")} of {other.path}'
+                )
+            elif at_same_time.mean() > _OVERLAP and self.source == other.source:
+                notes.append(
+                    f'{self.path} and {other.path} overlap in time but differ in values; if they '
+                    'are from two robots or two simulated runs, use --source bag'
+                )
+        return ~is_repeated
+
+    def _compared(self, other: _Used, step: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return which steps are simultaneous with one of another, and which are the same.
 
         Returns
         -------
         at_same_time, same : numpy.ndarray of bool, shape (steps,)
 
         """
-        times = other._stamps[other._order]
-        after = np.searchsorted(times, self._stamps)
-        at_same_time = np.zeros(len(self._stamps), bool)
-        same = np.zeros(len(self._stamps), bool)
+        stamps, (times, prints) = self._trace.stamps, other._in_order
+        after = np.searchsorted(times, stamps)
+        at_same_time = np.zeros(len(stamps), bool)
+        same = np.zeros(len(stamps), bool)
         for place in (after - 1, after):
             neighbour = np.clip(place, 0, len(times) - 1)
-            is_near = abs(times[neighbour] - self._stamps) < step
+            is_near = abs(times[neighbour] - stamps) < step
             at_same_time |= is_near
-            values = other._states[other._order[neighbour]]
-            same |= is_near & (values == self._states).all(axis=1)
+            same |= is_near & (prints[neighbour] == self._trace.prints)
         return at_same_time, same
-
-
-def _content(episode: Episode) -> tuple[bytes, ...]:
-    return tuple(a.tobytes() for a in (episode.states, episode.rewards, episode.actions))

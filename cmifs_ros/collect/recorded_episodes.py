@@ -83,6 +83,10 @@ class RecordedEpisodes:
     ends: Mapping[Condition, Counter[bool | None]] = field(default_factory=dict)
     cameras: Mapping[str, Camera] = field(default_factory=dict)
 
+    def __sizeof__(self) -> int:
+        """Return the size in memory, by which a cluster decides what is too large to move."""
+        return super().__sizeof__() + sum(episode.nbytes for episode in self.episodes)
+
     @property
     def distances(self) -> np.ndarray:
         """The known times between steps, in nanoseconds."""

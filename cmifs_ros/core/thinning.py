@@ -13,7 +13,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from itertools import compress, pairwise
-from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -28,7 +27,8 @@ MAX_STEPS = 32_000
 _MAX_COMPARED = 100_000
 
 
-class Plan(NamedTuple):
+@dataclass(frozen=True)
+class Plan:
     """What is kept of each of M episodes.
 
     Attributes

@@ -14,9 +14,9 @@ import numpy as np
 from cmifs_ros.collect.advice import Advice, Item, advice_of, headed, text_of
 from cmifs_ros.collect.example_frames import ExampleFrame
 from cmifs_ros.collect.selection_report import nothing_selected, prediction
-from cmifs_ros.core import Episode
 from cmifs_ros.core.selection import Selection
 from cmifs_ros.core.targets import DECISION
+from cmifs_ros.core.thinning import ThinnedEpisodes
 from cmifs_ros.core.words import counted
 
 from .frame_gallery import embedded, gallery
@@ -81,7 +81,7 @@ _READING_ADVICE = (
 def write_report(
     folder: str | Path,
     selection: Selection,
-    episodes: Sequence[Episode] = (),
+    episodes: ThinnedEpisodes | None = None,
     names: Sequence[str] = (),
     dropped: Mapping[str, int | str] | None = None,
     *,
@@ -95,8 +95,8 @@ def write_report(
     folder : str or pathlib.Path
         Created if it does not exist; an existing page is replaced.
     selection : Selection
-    episodes : sequence of Episode, optional
-        The episodes of the selection. Without them there are no correlations and no returns.
+    episodes : ThinnedEpisodes, optional
+        Those of the selection. Without them there are no correlations and no returns.
     names : sequence of str, optional
         Names of their channels.
     dropped : mapping of str to int, optional
@@ -114,9 +114,9 @@ def write_report(
         If the folder or the page cannot be written.
 
     """
-    if episodes and episodes[0].num_channels != len(names):
+    if episodes and episodes.num_channels != len(names):
         raise ValueError(
-            f'there are {len(names)} names; expected {episodes[0].num_channels}, '
+            f'there are {len(names)} names; expected {episodes.num_channels}, '
             'one for each channel of the episodes'
         )
     selected = ', '.join(selection.names) or f'nothing: {nothing_selected(selection)}'
@@ -224,15 +224,15 @@ def _number(value) -> str:
     return f'<td class="number">{value}</td>'
 
 
-def _data(selection: Selection, episodes: Sequence[Episode], names: Sequence[str]) -> str:
+def _data(selection: Selection, episodes: ThinnedEpisodes, names: Sequence[str]) -> str:
     """Return the parts about the episodes themselves."""
     return (
         '<h2>Correlation of the selected with the other channels</h2>'
-        '<p class="note">Over all steps. A channel that correlates with a selected one may have '
-        'been left out because it is redundant.</p>'
-        + _correlation(selection, np.concatenate([e.states for e in episodes]), names)
+        '<p class="note">Over the steps looked at. A channel that correlates with a selected one '
+        'may have been left out because it is redundant.</p>'
+        + _correlation(selection, episodes.samples.states, names)
         + '<h2>Returns</h2>'
-        + _image(_draw_returns(episodes), 'histogram of the returns')
+        + _image(_draw_returns(episodes.totals), 'histogram of the returns')
     )
 
 
@@ -261,8 +261,7 @@ def _correlation(selection: Selection, states: np.ndarray, names: Sequence[str])
     return _image(figure, 'correlation of the selected with the other channels')
 
 
-def _draw_returns(episodes: Sequence[Episode]):
-    returns = [float(episode.rewards.sum()) for episode in episodes]
+def _draw_returns(returns: np.ndarray):
     figure = figure_of(9, 3)
     axes = figure.subplots()
     axes.hist(returns, bins=min(30, max(5, len(returns) // 4)), color=PLAIN_COLOR)

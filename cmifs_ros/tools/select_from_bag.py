@@ -5,31 +5,25 @@
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import sys
-import time
 from collections import Counter
+from functools import partial
 from pathlib import Path
 
-from cmifs_ros.collect.advice import Advice, advice_lines, advice_of
 from cmifs_ros.collect.discount import Discount, in_words
-from cmifs_ros.collect.episodes import file as episode_file
 from cmifs_ros.collect.episodes.episode_check import problems_of_ends, problems_of_episodes
 from cmifs_ros.collect.episodes.reward_check import problem_of_target
-from cmifs_ros.collect.example_frames import example_frames
+from cmifs_ros.collect.outline import Outline, trace_of
 from cmifs_ros.collect.pooling import Pool, pooled
-from cmifs_ros.collect.recorded_episodes import RecordedEpisodes, RecordingError
+from cmifs_ros.collect.recorded_episodes import RecordingError
 from cmifs_ros.collect.recording import episodes_of_recording, recordings_in
 from cmifs_ros.collect.robot_file import RobotFile, RobotFileError, load_robot_file
 from cmifs_ros.collect.robot_file.model import SOURCES
-from cmifs_ros.collect.selection_fields import fields_of
 from cmifs_ros.collect.sensor_groups import groups_by_name
-from cmifs_ros.collect.sensor_topics import SensorTopics
 from cmifs_ros.collect.tables.roles import Roles
-from cmifs_ros.collect.traffic import rates_of
 from cmifs_ros.core import ConditionalMISelector
-from cmifs_ros.core.selection import Selection, select
+from cmifs_ros.core.selection import select
 from cmifs_ros.core.targets import ACTION, RETURN, TARGETS
 from cmifs_ros.core.words import counted, first, listed
 
@@ -44,6 +38,8 @@ from .arguments import (
 )
 from .bags import bag_opener
 from .program import CommandError, exit_code
+from .recordings import Reader, Recordings, recordings_at
+from .selection_files import Data, write_files
 
 
 def main(arguments: list[str] | None = None, program: str = 'select_from_bag') -> int:
@@ -143,8 +139,12 @@ def main(arguments: list[str] | None = None, program: str = 'select_from_bag') -
     )
     where.add_argument(
         '--scheduler', metavar='ADDRESS',
-        help='read and select on the cluster of this Dask scheduler, with the recordings under the '
-        'same paths',
+        help='read on the cluster of this Dask scheduler, with the recordings under the same '
+        'paths; they stay in its memory',
+    )  # fmt: skip
+    parser.add_argument(
+        '--keep-going', action='store_true',
+        help='leave out recordings that cannot be read, each with a warning',
     )  # fmt: skip
     parser.add_argument(
         '--stability', type=number_from(1), default=0, metavar='N',
@@ -156,8 +156,6 @@ def main(arguments: list[str] | None = None, program: str = 'select_from_bag') -
 
 
 def _run(options: argparse.Namespace) -> None:
-    from .cluster import backend
-
     try:
         robot = load_robot_file(options.robot) if options.robot else None
         if options.topics and robot is None:
@@ -165,11 +163,12 @@ def _run(options: argparse.Namespace) -> None:
         if robot is not None:
             _check_sensors(robot, options.num_features)
         paths = [one for path in options.recordings for one in recordings_in(path, robot)]
-        with backend(options.scheduler):
-            recordings = list(
-                zip(paths, _read(paths, robot, _roles(options), options), strict=True)
-            )
-            _select(recordings, robot, options)
+        read = partial(
+            episodes_of_recording, robot=robot, open_bag=bag_opener(), roles=_roles(options)
+        )
+        with recordings_at(options.scheduler, options.jobs) as recordings:
+            outlines = _read(recordings, paths, read, options.keep_going)
+            _select(recordings, outlines, robot, options)
     except (RecordingError, RobotFileError, OSError) as error:
         raise CommandError(str(error)) from error
 
@@ -200,96 +199,85 @@ def _roles(options: argparse.Namespace) -> Roles | None:
 
 
 def _read(
-    paths: list[Path], robot: RobotFile | None, roles: Roles | None, options: argparse.Namespace
-) -> list[RecordedEpisodes]:
-    from tqdm import tqdm
-
-    if not options.scheduler and (options.jobs == 1 or len(paths) == 1):
-
-        def watch(messages, total):
-            return tqdm(messages, total=total, unit=' messages', disable=None, leave=False)
-
-        found = (episodes_of_recording(path, robot, watch, bag_opener(), roles) for path in paths)
-    else:
-        from joblib import Parallel, delayed
-
-        read = Parallel(options.jobs, return_as='generator')(
-            delayed(episodes_of_recording)(
-                path.absolute(), robot, open_bag=bag_opener(), roles=roles
-            )
-            for path in paths
-        )
-        found = tqdm(read, total=len(paths), unit=' recordings', disable=None, leave=False)
-    recorded = []
-    for path, one in zip(paths, found, strict=True):
-        recorded.append(one)
-        said = [counted(one.num_read, one.unit), counted(len(one.episodes), 'complete episode')]
-        said += [f'{counted(one.num_between, "step")} between episodes'] if one.num_between else []
+    recordings: Recordings, paths: list[Path], read: Reader, keep_going: bool
+) -> list[tuple[str, Outline]]:
+    outlines = []
+    for path, one in zip(paths, recordings.read(paths, read), strict=True):
+        if isinstance(one, RecordingError):
+            if not keep_going:
+                raise one
+            print(f'warning: left out: {one}')
+            continue
+        outlines.append((str(path), one))
+        facts = one.recording
+        said = [counted(facts.num_read, facts.unit), counted(len(one), 'complete episode')]
+        if facts.num_between:
+            said.append(f'{counted(facts.num_between, "step")} between episodes')
         print(f'{path}: {", ".join(said)}')
-        for cause, count in one.dropped.items():
+        for cause, count in facts.dropped.items():
             print(f'  dropped {count}: {cause}')
-        if one.unreadable:
-            unreadable = [f'{name} ({why})' for name, why in one.unreadable.items()]
+        if facts.unreadable:
+            unreadable = [f'{name} ({why})' for name, why in facts.unreadable.items()]
             print(f'  cannot be decoded: {first(unreadable)}')
-    return recorded
+    if not outlines:
+        raise RecordingError(f'none of {counted(len(paths), "recording")} can be read')
+    return outlines
 
 
 def _select(
-    named: list[tuple[Path, RecordedEpisodes]],
+    recordings: Recordings,
+    outlines: list[tuple[str, Outline]],
     robot: RobotFile | None,
     options: argparse.Namespace,
 ) -> None:
-    from joblib import Parallel, delayed
-
-    recordings = [one for _, one in named]
-    pool = pooled([(str(path), one) for path, one in named], options.source or _source(robot))
+    facts = [one.recording for _, one in outlines]
+    by = options.source or (robot.source if robot else SOURCES[0])
+    pool = pooled(outlines, lambda number: recordings.ask(trace_of, [number])[0], by)
     problems = problems_of_episodes(
-        [len(episode) for episode in pool.episodes],
-        sum(one.num_cut for one in recordings),
-        sum(one.num_open_steps for one in recordings),
+        pool.lengths.tolist(),
+        sum(one.num_cut for one in facts),
+        sum(one.num_open_steps for one in facts),
     )
     looks: dict = {}
-    for one in recordings:
+    for one in facts:
         for condition, counts in one.ends.items():
             looks[condition] = looks.get(condition, Counter()) + counts
     problems = problems_of_ends(looks) + problems
-    if len(pool.episodes) < 2:
+    if len(pool.lengths) < 2:
         raise RecordingError('; '.join([*pool.notes, *problems]))
     for problem in (*pool.notes, *problems):
         print(f'warning: {problem}')
     target = options.target or (robot and robot.target) or RETURN
-    lacking = [f'{path} has {one.no_rewards}' for path, one in named if one.no_rewards]
+    lacking = [
+        f'{path} has {one.recording.no_rewards}' for path, one in outlines
+        if one.recording.no_rewards
+    ]  # fmt: skip
     if lacking and target != ACTION:
         raise CommandError(
             f'{lacking[0]}, which target {target!r} needs: --target action selects what the '
             'recorded action depends on'
         )
-    problem = problem_of_target(pool.episodes, target)
-    if problem:
-        raise CommandError(problem)
     settings = {'num_features': options.num_features, 'n_jobs': os.cpu_count()}
     settings |= {name: getattr(options, name) for name in ('margin', 'significance')}
     settings['target'] = target
     settings['groups'] = groups_by_name(pool.channel_names)
     if target == RETURN:
         settings['gamma'] = _gamma(pool, robot, options)
-    among = f'{counted(len(pool.channel_names), "channel")} from '
-    print(f'selecting among {among}{counted(len(pool.episodes), "episode")} ...', flush=True)
     try:
-        # A single job: without a cluster, joblib runs it in this process.
-        job = delayed(select)(
-            pool.episodes, pool.channel_names, 'conditional_mi', settings,
+        episodes = recordings.thinned(pool, ConditionalMISelector(**settings))
+        problem = problem_of_target(episodes, target)
+        if problem:
+            raise CommandError(problem)
+        among = f'{counted(len(pool.channel_names), "channel")} from '
+        print(f'selecting among {among}{counted(len(episodes), "episode")} ...', flush=True)
+        selection = select(
+            episodes, pool.channel_names, 'conditional_mi', settings,
             action_names=pool.action_names, ordered=options.order == 'time',
             num_halves=options.stability,
         )  # fmt: skip
-        (selection,) = Parallel(1)([job])
     except ValueError as error:  # from the settings or the episodes
         raise CommandError(str(error)) from error
-    _write(selection, pool, recordings, robot, options)
-
-
-def _source(robot: RobotFile | None) -> str:
-    return robot.source if robot else SOURCES[0]
+    write_files(selection, Data(recordings, facts, pool, episodes), robot, options)
 
 
 def _gamma(pool: Pool, robot: RobotFile | None, options: argparse.Namespace) -> float:
@@ -304,66 +292,6 @@ def _gamma(pool: Pool, robot: RobotFile | None, options: argparse.Namespace) -> 
         raise CommandError(str(error)) from None
     print(f'discount: {in_words(gamma, step)}')
     return gamma
-
-
-def _write(
-    selection: Selection,
-    pool: Pool,
-    recordings: list[RecordedEpisodes],
-    robot: RobotFile | None,
-    options: argparse.Namespace,
-) -> None:
-    from .html_report import write_report
-    from .ranking import draw_ranking, ranking_text
-
-    dropped = sum((Counter(one.dropped) for one in recordings), Counter())
-    topics = _topics(recordings, robot)
-    advice = advice_of(selection, *(topics or ()))
-    print(f'\n{ranking_text(selection)}\n')
-    print(f'selected: {", ".join(selection.names) or "nothing"} ({selection.seconds:.1f} s)')
-    options.out.mkdir(parents=True, exist_ok=True)
-    written = [options.out / 'selection.json', options.out / 'selection.png']
-    written[0].write_text(json.dumps(fields_of(selection, topics), indent=1) + '\n')
-    draw_ranking(selection).savefig(written[1], dpi=150)
-    if options.episodes_file:
-        # A selector restored with a selection without channels would publish nothing.
-        kept = selection if selection.indices else None
-        saved = episode_file.Saved(
-            pool.channel_names, pool.episodes, kept, time.time(), action_names=pool.action_names
-        )
-        options.episodes_file.parent.mkdir(parents=True, exist_ok=True)
-        episode_file.write(options.episodes_file, saved)
-        written.append(options.episodes_file)
-    if options.topics:
-        options.topics.parent.mkdir(parents=True, exist_ok=True)
-        options.topics.write_text(_record_arguments(advice, robot) + '\n')
-        written.append(options.topics)
-    if options.report:
-        of_pool = pool.episodes, pool.channel_names
-        selector = ConditionalMISelector(target=selection.target, gamma=selection.gamma or 1.0)
-        frames = example_frames(
-            selection, selector.thin(pool.episodes), pool, recordings, options.order == 'time'
-        )
-        written.append(
-            write_report(options.report, selection, *of_pool, dropped, advice=advice, frames=frames)
-        )
-    print(f'written: {", ".join(map(str, written))}')
-    print('\n'.join(['', *advice_lines(advice)]))
-
-
-def _topics(recordings: list[RecordedEpisodes], robot: RobotFile | None) -> SensorTopics | None:
-    if robot is None:
-        return None
-    rates = rates_of([one.traffic for one in recordings])
-    return SensorTopics(robot.channel_topics, rates, robot.topics_for(()))
-
-
-def _record_arguments(advice: Advice, robot: RobotFile) -> str:
-    """Return arguments of `ros2 bag record` for all topics except those that can go."""
-    gone = {item.name for item in advice.can_go}
-    topics = [topic for topic in robot.topics if topic not in gone]
-    hidden = ['--include-hidden-topics'] if any('/_' in topic for topic in topics) else []
-    return ' '.join([*hidden, '--topics', *topics])
 
 
 if __name__ == '__main__':

@@ -13,7 +13,7 @@ from selections import selection, sensor
 
 from cmifs_ros.collect.advice import advice_of
 from cmifs_ros.collect.traffic import Rate
-from cmifs_ros.core import Episode
+from cmifs_ros.core import ConditionalMISelector, Episode
 from cmifs_ros.core.effect import Effect
 from cmifs_ros.tools.html_report import write_report
 
@@ -22,7 +22,9 @@ NAMES = ('x', 'y', 'battery', 'noise')
 
 def make_episodes(count=12, num_channels=4):
     rng = np.random.default_rng(0)
-    return [Episode(rng.normal(size=(5, num_channels)), rng.normal(size=5)) for _ in range(count)]
+    return ConditionalMISelector().thin(
+        [Episode(rng.normal(size=(5, num_channels)), rng.normal(size=5)) for _ in range(count)]
+    )
 
 
 X = sensor('x', 0.25, is_selected=True, pvalue=0.0012, status='confirmed', stability=1.0)
@@ -174,7 +176,11 @@ def test_a_constant_channel_and_many_channels_are_shown_without_a_warning(tmp_pa
     names = [f'c{i}' for i in range(100)]
     many = selection(*(sensor(name, is_selected=name in ('c0', 'c3')) for name in names))
     many = replace(many, indices=(0, 3))
-    page = Page(write_report(tmp_path, many, [Episode(states, np.ones(6))], names, {}))
+    page = Page(
+        write_report(
+            tmp_path, many, ConditionalMISelector().thin([Episode(states, np.ones(6))]), names, {}
+        )
+    )
     assert len(page.pictures) == 3
     assert [str(w.message) for w in recwarn] == []
 

@@ -172,45 +172,6 @@ def test_jobs_change_nothing(tmp_path, robot):
     assert one | {'seconds': 0} == two | {'seconds': 0}
 
 
-def test_a_dask_cluster_finds_the_same(tmp_path, robot):
-    distributed = pytest.importorskip('distributed', reason='distributed is not here')
-    bags = [str(tmp_path / name) for name in ('one', 'two')]
-    for seed, path in enumerate(bags):
-        write_bag(path, 60, seed=seed)
-
-    def selection(out, *options):
-        assert main([*bags, '--robot', robot, '--out', str(tmp_path / out), *options]) == 0
-        return json.loads((tmp_path / out / 'selection.json').read_text()) | {'seconds': 0}
-
-    local = selection('local')
-    # Two workers of a thread each: joblib does what a cluster of one core could do by itself.
-    with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None
-    ) as cluster:
-        assert selection('cluster', '--scheduler', cluster.scheduler_address) == local
-        with distributed.Client(cluster) as client:
-            for module in ('cmifs_ros.collect.bag', 'cmifs_ros.core.selection'):
-                assert any(client.run(lambda name=module: name in sys.modules).values()), module
-
-
-@pytest.mark.parametrize(
-    ('address', 'said'),
-    [
-        (None, 'needs the package distributed, here and on the cluster: python3 -m pip install'),
-        ('nobody://here', "answers at nobody://here: unknown address scheme 'nobody'"),
-    ],
-)
-def test_a_cluster_that_cannot_be_used_is_one_sentence(robot, address, said, capsys, monkeypatch):
-    if address is None:
-        monkeypatch.setitem(sys.modules, 'distributed', None)
-    else:
-        pytest.importorskip('distributed', reason='distributed is not here')
-    assert main(['bag', '--robot', robot, '--scheduler', address or 'here:8786']) == 1
-    error = capsys.readouterr().err
-    assert said in error
-    assert error.count('\n') == 1
-
-
 def spoilt(path, how):
     """Write a bag, spoil it and return its path."""
     if how == 'missing':
