@@ -231,7 +231,11 @@ def advice_lines(advice: Advice, most: int = 12) -> list[str]:
     lines = textwrap.wrap(advice.scope, LINE_WIDTH)
     for heading, items in headed(advice):
         lines.append(f'{heading}:' if items else f'{heading}: nothing')
-        lines += [f'  {text_of(item)}' for item in items[:most]]
+        for item in items[:most]:
+            lines += textwrap.wrap(
+                text_of(item), LINE_WIDTH, initial_indent='  ', subsequent_indent='    ',
+                break_long_words=False, break_on_hyphens=False,
+            )  # fmt: skip
         if len(items) > most:
             lines.append(f'  and {len(items) - most} more')
     return lines + [line for hint in advice.hints for line in textwrap.wrap(hint, LINE_WIDTH)]

@@ -85,8 +85,10 @@ def test_conditions_are_told():
     assert '  radio: adds at most 0.0%; never changed in these episodes' in lines
     topics = {'x': '/x', 'noise': '/noise', 'radio': '/radio'}
     lines = advice_lines(advice_of(selection(X, NOISE, RADIO), topics, needed=['/radio']))
-    needed = [line for line in lines if 'steps, the reward or the ends of episodes need' in line]
-    assert [line.split(':')[0] for line in needed] == ['  /radio']
+    place = lines.index(
+        '  /radio: radio adds at most 0.2%; but actions, steps, the reward or the ends of'
+    )
+    assert lines[place + 1] == '    episodes need the topic'
     # A program that switches off what can go must not take it.
     fields = advice_fields(advice_of(selection(X, NOISE, RADIO), topics, needed=['/radio']))
     assert (fields['keep'], fields['can_go']) == (['/x', '/radio'], ['/noise'])
