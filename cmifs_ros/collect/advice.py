@@ -33,7 +33,7 @@ _SCOPES = {
     'learned or changed may need other sensors: target decision.',
     DECISION: 'This is about what a controller that is to be learned or changed needs, for the '
     'reward of this task.',
-    ACTION: 'This is about what the recorded controller looks at.',
+    ACTION: 'This is about what the recorded controller uses.',
 }
 
 

@@ -60,7 +60,6 @@ class RecordedEpisodes:
         Why there are no rewards; empty if there are.
     ends : mapping of Condition to collections.Counter
         How often the conditions that end episodes were true, false and unknown (None).
-
     cameras : mapping of str to Camera
         By sensor, what returns its pictures.
 

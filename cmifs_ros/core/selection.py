@@ -112,10 +112,10 @@ class Selection:
     margin : float or None
         A sensor that adds less than this share of the target's variance is dispensable.
     level : float or None
-        A sensor is confirmed by a p-value of at most this. A node that selects again and again
-        spends its significance over all selections.
+        The greatest p-value that confirms a sensor. A node divides its significance among all
+        selections of a task.
     doubt : str
-        What has spoken against it since it was put to use; nothing if nothing has.
+        Why it may no longer hold, such as changed data; empty if nothing suggests that.
 
     """
 

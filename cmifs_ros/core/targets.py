@@ -10,7 +10,7 @@
     the state Markov (the recursion of Castelletti, Galelli, Restelli & Soncini-Sessa, Tree-based
     feature selection for dimensionality reduction of large-scale control systems, 2011).
 `action`
-    What does the recorded controller look at? This needs no reward.
+    What does the recorded controller use? This needs no reward.
 """
 
 from __future__ import annotations

@@ -107,7 +107,9 @@ def view(snapshot: Snapshot, console: Console, max_lines: float = math.inf) -> G
         parts += _nothing_heard(snapshot.elsewhere)
     elif snapshot.silence > GONE_AFTER:
         parts.append(
-            Text(f'nothing heard for {snapshot.silence:.0f} s; below is the last', LEVELS[2][1])
+            Text(
+                f'nothing heard for {snapshot.silence:.0f} s; below is the last view', LEVELS[2][1]
+            )
         )
     warnings = snapshot.selection.warnings if snapshot.selection is not None else ()
     parts += [Text.assemble(('warning', LEVELS[1][1]), ' ', _plain(text)) for text in warnings]

@@ -94,7 +94,7 @@ def test_conditions_are_told():
     assert (fields['keep'], fields['can_go']) == (['/x', '/radio'], ['/noise'])
 
 
-@pytest.mark.parametrize(('target', 'what'), [('return', 'return'), ('action', 'looks at')])
+@pytest.mark.parametrize(('target', 'what'), [('return', 'return'), ('action', 'controller uses')])
 def test_it_is_said_which_question_is_answered(target, what):
     lines = advice_lines(advice_of(selection(X, target=target)))
     assert what in ' '.join(lines[: lines.index('keep these:')])
