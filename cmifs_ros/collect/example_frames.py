@@ -72,10 +72,9 @@ def example_frames(
         If a recording can no longer be read.
 
     """
-    selected = {sensor.name for sensor in selection.sensors if sensor.is_selected}
     cameras = {name for one in recordings for name in one.cameras}
     found = {}
-    for name in sorted(cameras & selected):
+    for name in sorted(cameras.intersection(selection.selected)):
         added = contribution(
             selection, name, episodes, pool.channel_names,
             action_names=pool.action_names, ordered=ordered,

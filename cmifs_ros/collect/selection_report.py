@@ -47,7 +47,7 @@ def headline(selection: Selection) -> str:
     if not selection.indices:
         check = '' if selection.target == ACTION else '; check that the reward is that of the task'
         return f'{nothing_selected(selection)} in {sizes}{check}'
-    return f'selected {listed(selection.names)}'
+    return f'selected {listed(selection.selected)}'
 
 
 def level_needed(selection: Selection) -> str:

@@ -143,6 +143,11 @@ class Selection:
         return tuple(name for s in self.sensors if s.is_selected for name in s.channels)
 
     @property
+    def selected(self) -> tuple[str, ...]:
+        """Names of the selected sensors, best first."""
+        return tuple(sensor.name for sensor in self.sensors if sensor.is_selected)
+
+    @property
     def ranking(self) -> tuple[str, ...]:
         """Names of all sensors, best first."""
         return tuple(sensor.name for sensor in self.sensors)

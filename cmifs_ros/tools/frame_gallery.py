@@ -12,11 +12,12 @@ from html import escape
 import numpy as np
 
 from cmifs_ros.collect.example_frames import ExampleFrame
+from cmifs_ros.core.targets import RETURN, REWARD
 
 
 def gallery(camera: str, frames: Sequence[ExampleFrame]) -> str:
     """Return a section with the frames at which a camera matters most, of which at least one."""
-    camera, predicted = escape(camera), escape(frames[0].variable)
+    camera, predicted = escape(camera), escape(_predicted(frames[0].variable))
     raising = [_figure(frame) for frame in frames if frame.value > 0]
     lowering = [_figure(frame) for frame in frames if frame.value <= 0]
     rows = [f'<div class="frames">{"".join(row)}</div>' for row in (raising, lowering) if row]
@@ -26,6 +27,14 @@ def gallery(camera: str, frames: Sequence[ExampleFrame]) -> str:
         f'which it predicts more, then less, in standard deviations of {predicted}. Those of a row '
         f'are of different episodes; episodes and steps count from 0.</p>{"".join(rows)}'
     )
+
+
+def _predicted(variable: str) -> str:
+    """Return what is predicted, in words, given the variable of a `Contribution`."""
+    if variable in (RETURN, REWARD):
+        return f'the {variable}'
+    name = variable.removeprefix('predicts ')
+    return variable if name == variable else f'the next value of {name}'
 
 
 def _figure(frame: ExampleFrame) -> str:

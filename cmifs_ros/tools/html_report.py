@@ -119,7 +119,7 @@ def write_report(
             f'there are {len(names)} names; expected {episodes.num_channels}, '
             'one for each channel of the episodes'
         )
-    selected = ', '.join(selection.names) or f'nothing: {nothing_selected(selection)}'
+    selected = ', '.join(selection.selected) or f'nothing: {nothing_selected(selection)}'
     sizes = [counted(selection.episodes, 'episode'), counted(selection.steps, 'step')]
     sizes += [counted(len(names), 'channel')] if names else []
     warnings = [*selection.warnings, *filter(None, [selection.doubt])]

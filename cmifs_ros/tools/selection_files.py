@@ -57,7 +57,7 @@ def write_files(
     topics = _topics(data.facts, robot)
     advice = advice_of(selection, *(topics or ()))
     print(f'\n{ranking_text(selection)}\n')
-    print(f'selected: {", ".join(selection.names) or "nothing"} ({selection.seconds:.1f} s)')
+    print(f'selected: {", ".join(selection.selected) or "nothing"} ({selection.seconds:.1f} s)')
     options.out.mkdir(parents=True, exist_ok=True)
     written = [options.out / 'selection.json', options.out / 'selection.png']
     written[0].write_text(json.dumps(fields_of(selection, topics), indent=1) + '\n')

@@ -16,6 +16,8 @@ from bags import SECOND, STORE
 from PIL import Image
 from rosbags.rosbag2 import StoragePlugin, Writer
 
+from cmifs_ros.collect.example_frames import ExampleFrame
+from cmifs_ros.tools.frame_gallery import gallery
 from cmifs_ros.tools.select_from_bag import main
 
 STEPS, EPISODES = 4, 60
@@ -73,6 +75,7 @@ def test_the_page_shows_the_frames_at_which_the_camera_changes_the_prediction_mo
     assert main([*map(str, arguments), '--report', str(tmp_path / 'page')]) == 0
     page = (tmp_path / 'page' / 'index.html').read_text()
     assert 'Where eye matters most' in page
+    assert 'eye changes the prediction of the return most' in page
     assert 'Where other matters' not in page
     figures = re.findall(
         r'<figure><img alt="[^"]*" src="data:image/png;base64,([^"]*)"><figcaption>([+-][\d.]+): '
@@ -91,3 +94,19 @@ def test_the_page_shows_the_frames_at_which_the_camera_changes_the_prediction_mo
     raising, lowering = levels[:4], levels[4:]
     assert all(value > 0 and bright > 150 for value, bright in raising)
     assert all(value < 0 and bright < 50 for value, bright in lowering)
+
+
+@pytest.mark.parametrize(
+    ('variable', 'words'),
+    [
+        ('reward', 'the prediction of the reward most'),
+        ('predicts <x>', 'the prediction of the next value of &lt;x&gt; most'),
+        ('action_drive', 'the prediction of action_drive most'),
+    ],
+)
+def test_what_is_predicted_is_in_words(variable, words):
+    frame = ExampleFrame(np.zeros((3, 4), np.uint8), variable, -1.25, 3, 0)
+    page = gallery('<eye>', [frame])
+    assert words in page
+    assert '&lt;eye&gt;' in page
+    assert '<figcaption>-1.2: episode 3, step 0</figcaption>' in page
