@@ -4,7 +4,8 @@
 
 `observation.*` are the states, `action` or `action.*` the actions; `next.reward` is the reward. If
 it is missing, the last step has the success of the episode as its reward. `episode_index` separates
-the episodes, or `next.done` marks their ends. Videos of a folder are encoded as images.
+the episodes, or `next.done` marks their ends. The videos and images of a folder
+are cameras.
 """
 
 from __future__ import annotations
@@ -19,16 +20,16 @@ from cmifs_ros.collect.recorded_episodes import RecordedEpisodes, RecordingError
 from cmifs_ros.collect.sampling.bag_reader import unwatched
 from cmifs_ros.core.words import first
 
-from . import videos
+from . import arrow, images, videos
 from .columns import Columns, until
-from .lerobot_info import Info
+from .lerobot_info import DATA, Info
 from .steps import WHOLE, Names, Steps, episodes_of_steps
 
 _STATE, _ACTION = 'observation', 'action'
 _EPISODE, _FRAME, _DONE = 'episode_index', 'frame_index', 'next.done'
 _REWARD, _SUCCESS, _TIME = 'next.reward', 'next.success', 'timestamp'
 #: What a column of pictures is called in the metadata, in files of videos or in the table.
-_VIDEO, _IMAGE = 'video', 'image'
+_CAMERAS = _VIDEO, _IMAGE = ('video', 'image')
 
 
 def steps_in(
@@ -60,7 +61,7 @@ def steps_in(
     columns = Columns(path, table)
     states, actions = _below(columns, _STATE), _below(columns, _ACTION)
     found = _episodes(columns)
-    if found is None or not (states or info.columns(_VIDEO)):
+    if found is None or not (states or info.columns(*_CAMERAS)):
         raise RecordingError(
             f'{path} has the columns {first(table.column_names)}; expected {_STATE}.* of numbers '
             f'and {_EPISODE} or {_DONE}, as LeRobot has them. If its rows are steps with names of '
@@ -76,7 +77,7 @@ def steps_in(
     }
     of_states = _names(info, _STATE)
     pictures: dict[str, dict[int, Callable[[int], np.ndarray]]] = {}
-    for column in info.columns(_VIDEO):
+    for column in info.columns(*_CAMERAS):
         key = _key(column, _STATE, info.features) or column
         try:
             states[key], pictures[key] = _encoded(info, column, columns, whole, watch)
@@ -101,7 +102,7 @@ def steps_in(
         f'no column {_REWARD} or {_SUCCESS}',
         {f'episodes of which {_FRAME} misses a step': num_gaps} if num_gaps else {},
         step_seconds=info.step_seconds, num_open_steps=len(table) - sum(map(len, found.values())),
-        unreadable=columns.unreadable | dict.fromkeys(info.columns(_IMAGE), 'images are not read'),
+        unreadable=columns.unreadable,
     )  # fmt: skip
 
 
@@ -112,7 +113,11 @@ def _encoded(
     rows: Mapping[int, np.ndarray],
     watch: Callable[[Iterable, int], Iterable],
 ) -> tuple[np.ndarray, dict[int, Callable[[int], np.ndarray]]]:
-    """Return the encoded frames of a video column, and by episode what returns its pictures."""
+    """Return the encoded frames of a camera, and by episode what returns its pictures."""
+    if column in info.columns(_IMAGE):
+        files = arrow.files_in(info.folder / DATA)
+        values = images.encoded(files, column, Image(), watch)
+        return values, {n: partial(images.picture, files, column, rows[n]) for n in rows}
     times = columns.complete(_TIME)
     if times is None:
         raise RecordingError(f'its frames have no times: there is no column {_TIME}')

@@ -41,9 +41,9 @@ class Info(NamedTuple):
     video_path: str = ''
     chunk_size: int = 1000
 
-    def columns(self, kind: str) -> list[str]:
-        """Return the columns of a `dtype`."""
-        return [column for column, said in self.features.items() if said.get('dtype') == kind]
+    def columns(self, *kinds: str) -> list[str]:
+        """Return the columns of some `dtype`."""
+        return [column for column, said in self.features.items() if said.get('dtype') in kinds]
 
     def shots(self, column: str, episodes: Iterable[int]) -> dict[int, Shot]:
         """Return where the videos of a column are; raise RecordingError if it is not told."""
