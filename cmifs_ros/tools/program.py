@@ -10,7 +10,6 @@ import os
 import signal
 import sys
 from collections.abc import Callable
-from concurrent.futures.process import BrokenProcessPool
 
 
 class CommandError(RuntimeError):
@@ -84,6 +83,7 @@ COMMANDS: dict[str, Callable[..., int]] = {
 
 def cmifs() -> int:
     """Run one of `COMMANDS`; return the exit code."""
+    end_at_signals()
     commands = '\n'.join(f'  {name:12}{run.__doc__}' for name, run in COMMANDS.items())
     parser = argparse.ArgumentParser(
         'cmifs', usage='cmifs COMMAND ...', formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -108,6 +108,9 @@ def cmifs() -> int:
 
 def exit_code(program: str, run: Callable[[], None], what_then: str = 'nothing is kept') -> int:
     """Run a command; return the exit code. `what_then` says what an interruption leaves behind."""
+    # Its import takes long: at the top, signals would come before they are handled.
+    from concurrent.futures.process import BrokenProcessPool
+
     signals = []
 
     def interrupt(number, _):
