@@ -167,6 +167,8 @@ def times_of(name: str, columns: Mapping[str, np.ndarray]) -> np.ndarray:
 
 def _checked(name: str, column: str, times: np.ndarray, latest: int) -> np.ndarray:
     """Return the times in a column if all are numbers from 0 to the latest."""
+    if len(times) == 0:  # pyarrow knows no type for them.
+        return times.astype(float)
     if times.dtype.kind not in 'iuf':
         raise RecordingError(f'{name}: the times are {times.dtype}; expected numbers or dates')
     missing = np.flatnonzero(~(times >= 0))

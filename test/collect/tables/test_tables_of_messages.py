@@ -253,6 +253,12 @@ def test_a_table_that_cannot_be_used_is_one_sentence(tmp_path, columns, said):
     assert said in str(error.value)
 
 
+def test_a_table_without_rows_is_a_topic_without_messages(tmp_path):
+    (tmp_path / 'odom.csv').write_text('timestamp,x\n')
+    with pytest.raises(RecordingError, match=r'no readable message, .*; /odom has no messages'):
+        robot_file_of_recording(tmp_path / 'odom.csv')
+
+
 def test_a_column_that_a_table_lacks_is_named():
     found = episodes_of_recording(pa.table({'timestamp': [0.0, 0.1], 'y': [1.0, 2.0]}), WIDE)
     (said,) = (cause for cause in found.dropped if 'wrong messages' in cause)
