@@ -41,6 +41,8 @@ class Cost(NamedTuple):
     ----------
     seconds, selecting : float
         In all, and without reading.
+    cpu : float
+        Processor seconds of the command and the workers.
     client_bytes : int
         Peak memory of the command.
     selection : dict
@@ -53,6 +55,7 @@ class Cost(NamedTuple):
 
     seconds: float
     selecting: float
+    cpu: float
     client_bytes: int
     selection: dict
     worker_bytes: int = 0
@@ -62,11 +65,11 @@ class Cost(NamedTuple):
 
 
 def select_here(arguments: list[str]) -> int:
-    """Run `select_from_bag` and print, last, its peak memory."""
+    """Run `select_from_bag` and print, last, its peak memory and processor seconds."""
     from cmifs_ros.tools.select_from_bag import main as select_from_bag
 
     code = select_from_bag(arguments)
-    print(peak_bytes(os.getpid()))
+    print(peak_bytes(os.getpid()), time.process_time())
     return code
 
 
@@ -88,7 +91,8 @@ def cost_of(bags: list[Path], out: Path, *options: str) -> Cost:
     seconds = time.perf_counter() - start
     selection = json.loads((out / 'selection.json').read_text())
     selecting = selection.pop('seconds')
-    return Cost(seconds, selecting, int(done.stdout.split()[-1]), selection)
+    peak, cpu = done.stdout.split()[-2:]
+    return Cost(seconds, selecting, float(cpu), int(peak), selection)
 
 
 def cost_on_cluster(bags: list[Path], out: Path, num_workers: int) -> Cost:
@@ -103,8 +107,13 @@ def cost_on_cluster(bags: list[Path], out: Path, num_workers: int) -> Cost:
         with Client(cluster) as client:
             peaks = client.run(lambda: peak_bytes(os.getpid())).values()
             between = client.run(_received).values()
+            cpu = cost.cpu + sum(client.run(time.process_time).values())
     return cost._replace(
-        worker_bytes=max(peaks), received=relay.received, sent=relay.sent, between=sum(between)
+        cpu=cpu,
+        worker_bytes=max(peaks),
+        received=relay.received,
+        sent=relay.sent,
+        between=sum(between),
     )
 
 
@@ -136,19 +145,17 @@ def run(options: argparse.Namespace) -> None:
                 where = f'{workers} worker{"s" if workers > 1 else ""}'
                 rows.append((*_row(num_steps, written, where, cost), same))
             print(f'{num_steps} steps: {", ".join(whole.selection["names"])}', flush=True)
-    heads = ('steps', 'bags', 'where', 'seconds', 'of these selecting', 'peak of the command')
-    heads += ('peak of a worker', 'received', 'sent', 'between workers', 'selection')
+    heads = ('steps', 'bags', 'where', 'seconds', 'selecting', 'processor seconds', 'command')
+    heads += ('worker', 'received', 'sent', 'between workers', 'selection')
     print(f'\n{options.episodes} episodes of {options.steps} steps a bag, '
           f'{options.channels} channels\n\n{markdown_table(heads, rows)}')  # fmt: skip
 
 
 def _row(num_steps: int, written: int, where: str, cost: Cost) -> tuple:
-    moved = [cost.received, cost.sent, cost.between] if cost.worker_bytes else []
-    return (
-        num_steps, _size(written), where, f'{cost.seconds:.1f}', f'{cost.selecting:.1f}',
-        _size(cost.client_bytes), _size(cost.worker_bytes) if cost.worker_bytes else '',
-        *(map(_size, moved) if moved else ('', '', '')),
-    )  # fmt: skip
+    seconds = [f'{value:.1f}' for value in (cost.seconds, cost.selecting, cost.cpu)]
+    sizes = [cost.worker_bytes, cost.received, cost.sent, cost.between]
+    of_cluster = [_size(size) if cost.worker_bytes else '' for size in sizes]
+    return num_steps, _size(written), where, *seconds, _size(cost.client_bytes), *of_cluster
 
 
 def _size(num_bytes: int) -> str:

@@ -39,10 +39,11 @@ SIZES = {
 
 
 class Point(NamedTuple):
-    """One size: the median time of the trials and the greatest memory."""
+    """One size: the median times of the trials and the greatest memory."""
 
     size: int
     seconds: float
+    cpu_seconds: float
     peak_bytes: int
 
 
@@ -59,14 +60,19 @@ def measure_growth(options: argparse.Namespace, dimension: str) -> list[Point]:
     for size, job in tqdm(jobs, desc=dimension, file=sys.stderr, disable=None):
         measurements[size].append(measure(job))
     return [
-        Point(size, float(np.median([m.seconds for m in ms])), max(m.peak_bytes for m in ms))
+        Point(
+            size,
+            float(np.median([m.seconds for m in ms])),
+            float(np.median([m.cpu_seconds for m in ms])),
+            max(m.peak_bytes for m in ms),
+        )
         for size, ms in measurements.items()
     ]
 
 
 def exponent(points: Sequence[Point]) -> float:
     """Return the slope of log time over log size, by least squares."""
-    sizes, seconds, _ = zip(*points, strict=True)
+    sizes, seconds, *_ = zip(*points, strict=True)
     return float(np.polyfit(np.log(sizes), np.log(seconds), 1)[0])
 
 
@@ -74,17 +80,24 @@ def table(dimension: str, points: Sequence[Point]) -> str:
     """Return the points as a table, each with the exponent since the previous one."""
     local = ['', *(f'{exponent(pair):.2f}' for pair in itertools.pairwise(points))]
     rows = [
-        (point.size, f'{point.seconds:.3g}', slope, f'{point.peak_bytes / 1e6:.0f} MB')
+        (
+            point.size,
+            f'{point.seconds:.3g}',
+            slope,
+            f'{point.cpu_seconds:.3g}',
+            f'{point.peak_bytes / 1e6:.0f} MB',
+        )
         for point, slope in zip(points, local, strict=True)
     ]
-    return markdown_table((dimension, 'seconds', 'exponent since', 'peak memory'), rows)
+    heads = (dimension, 'seconds', 'exponent since', 'processor seconds', 'peak memory')
+    return markdown_table(heads, rows)
 
 
 def save_plot(dimension: str, points: Sequence[Point], path: Path) -> None:
     """Plot time and memory over size."""
     from matplotlib.figure import Figure
 
-    sizes, seconds, peaks = (np.array(values) for values in zip(*points, strict=True))
+    sizes, seconds, _, peaks = (np.array(values) for values in zip(*points, strict=True))
     slope = exponent(points)
     figure = Figure(figsize=(8, 3.4), layout='constrained')
     left, right = figure.subplots(1, 2)

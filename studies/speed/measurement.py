@@ -71,9 +71,13 @@ def job_of(options: argparse.Namespace, method: str, cores: int, blas_threads: i
 
 
 class Measurement(NamedTuple):
-    """Time and peak resident memory of a ranking, and the ranking with its scores."""
+    """Time and peak resident memory of a ranking, and the ranking with its scores.
+
+    The processor seconds are those of all threads of the process.
+    """
 
     seconds: float
+    cpu_seconds: float
     peak_bytes: int
     ranking: list[int]
     scores: list[float]
@@ -118,10 +122,10 @@ def measure_here(job: Job) -> Measurement:
         )
 
     run(1)
-    start = time.perf_counter()
+    start, used = time.perf_counter(), time.process_time()
     ranking = run(job.top)
-    seconds = time.perf_counter() - start
-    return Measurement(seconds, peak_bytes(os.getpid()), *ranking)
+    seconds, cpu_seconds = time.perf_counter() - start, time.process_time() - used
+    return Measurement(seconds, cpu_seconds, peak_bytes(os.getpid()), *ranking)
 
 
 def peak_bytes(pid: int) -> int:

@@ -101,7 +101,7 @@ def test_growth_is_measured_tabulated_and_plotted(tmp_path, capsys):
 
 
 def test_the_exponent_is_the_slope_of_the_logarithms():
-    points = [benchmark_growth.Point(n, 0.02 * n**1.5, 0) for n in (10, 30, 200)]
+    points = [benchmark_growth.Point(n, 0.02 * n**1.5, 0.0, 0) for n in (10, 30, 200)]
     assert benchmark_growth.exponent(points) == pytest.approx(1.5)
 
 
