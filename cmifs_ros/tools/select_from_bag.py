@@ -117,7 +117,7 @@ def main(arguments: list[str] | None = None, program: str = 'select_from_bag') -
         '--action', type=column_names, default=(), metavar='COLUMN,...', help='the actions',
     )  # fmt: skip
     columns.add_argument(
-        '--ignore', type=column_names, default=(), metavar='COLUMN,...', help='left out',
+        '--ignore', type=column_names, default=(), metavar='COLUMN,...', help='to be left out',
     )  # fmt: skip
     discount = parser.add_mutually_exclusive_group()
     discount.add_argument(

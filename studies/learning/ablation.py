@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""What is lost without a sensor: the recorded controller acts on with each one frozen.
+"""What a recorded controller loses with each sensor frozen.
 
-Sensors are selected from episodes of a controller, by each target. Then each channel shows it its
-median, whatever happens, in fresh episodes that differ in nothing else. What was called dispensable
-should not change the return; what was confirmed for the action should.
+Each target selects sensors from episodes of a controller. Then the controller acts in new episodes,
+once for each channel, which stays at its median; nothing else differs. Freezing what is dispensable
+should not change the return; freezing what is confirmed for the action should.
 """
 
 from __future__ import annotations

@@ -3,8 +3,8 @@
 """What `saving` saves, what it costs the controller, and how late a change of task is noticed.
 
 The same robot drives to goals twice, without and with `saving` in its robot file. Its controller
-looks at `selected_state` alone. The driver of the other lidar casts its 360 rays only while
-somebody subscribes. At the end the task changes: what was dispensable, a hot motor, begins to
+uses only `selected_state`. The driver of the other lidar computes its 360 rays only while it has a
+subscriber. At the end the task changes: the motor's temperature, which was dispensable, begins to
 matter.
 """
 
@@ -254,7 +254,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument('--seed', type=number_from(0), default=0)
     parser.add_argument(
         '--speed', type=float, default=8.0,
-        help='how many times faster than its own time the robot lives (default 8)',
+        help='speed relative to real time (default 8)',
     )  # fmt: skip
     options = parser.parse_args(arguments)
     if not 0.1 <= options.speed <= 20:

@@ -2,10 +2,10 @@
 
 """A robot that sorts pieces, and which of its topics can go.
 
-It drops each piece into one of two bins, at random, and the reward is 1 if the bin is that of its
-kind. The camera sees the kind as a hue. The other sensors, each with a topic of its own, say
-nothing of it. The robot's messages are written as a bag, and `select_from_bag` says what to keep,
-what can go and what it would cost.
+It drops each piece into one of two bins, at random, and the reward is 1 if it is the right bin for
+this type of piece. The camera sees the type as a hue. The other sensors, each with a topic of its
+own, do not show it. The robot's messages are written as a bag, and `select_from_bag` says what to
+keep, what can go and what it would cost.
 """
 
 from __future__ import annotations
