@@ -92,8 +92,8 @@ def episodes_of_recording(
         raise RecordingError(f'{path} does not exist; {_EXPECTED}')
     if roles is not None and (robot is not None or path.suffix not in arrow.SUFFIXES):
         raise RecordingError(
-            f'{path} {"is read by a robot file" if robot else "is not a table"}; only the columns '
-            'of a table whose rows are steps have roles'
+            f'{path} {"is read by a robot file" if robot else "is not a table"}; --episode, '
+            '--done, --reward, --action and --ignore (Roles) are for tables whose rows are steps'
         )
     if _is_bag(path):
         return episodes_of_bag(path, robot, watch, open_bag)

@@ -161,7 +161,7 @@ def _problems_of_rare(episodes: ThinnedEpisodes, names: Sequence[str]) -> list[s
         return []
     return [
         f'too rare to be judged: {listed(rare)} {"change" if len(rare) > 1 else "changes"} in none '
-        f'of the {len(episodes.samples.step)} steps looked at, of {episodes.num_steps}; select '
+        f'of the {len(episodes.samples.step)} steps used, of {episodes.num_steps}; select '
         'from the episodes in which it does'
     ]
 

@@ -228,7 +228,7 @@ def _data(selection: Selection, episodes: ThinnedEpisodes, names: Sequence[str])
     """Return the parts about the episodes themselves."""
     return (
         '<h2>Correlation of the selected with the other channels</h2>'
-        '<p class="note">Over the steps looked at. A channel that correlates with a selected one '
+        '<p class="note">Over the steps used. A channel that correlates with a selected one '
         'may have been left out because it is redundant.</p>'
         + _correlation(selection, episodes.samples.states, names)
         + '<h2>Returns</h2>'

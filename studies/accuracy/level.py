@@ -2,7 +2,7 @@
 
 """The level of the test and its parts, in worlds where a test easily fails.
 
-In each world, irrelevant sensors of four kinds are tested given the relevant ones, by each part of
+In each world, irrelevant sensors of four types are tested given the relevant ones, by each part of
 the test and by both. The tables show how often a p-value is at most 0.05, and 0.005, and in how
 many recordings the whole procedure confirms an irrelevant sensor.
 """

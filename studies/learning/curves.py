@@ -4,8 +4,8 @@
 
 From the same episodes a policy is learned on all channels, on those selected by the targets
 `return` and `decision`, on those of recursive extra trees, and on those that a controller needs; it
-acts in fresh episodes, and the table shows its mean return. Where nothing is selected all channels
-are seen, as a robot goes on with all it has. An interrupted run goes on where it was.
+acts in new episodes, and the table shows its mean return. If nothing is selected, all channels are
+used. An interrupted run continues where it stopped.
 """
 
 from __future__ import annotations

@@ -3,9 +3,9 @@
 """A learner beside the selector, in one file: Q-learning on a table, on whatever is selected.
 
 It subscribes to `selected_state` and `reward`, which belong together by their stamps, and publishes
-`command`. What it has seen it keeps by the names of the sensors: when the selection changes, the
-table is learned anew from that, on the names that are selected now. During the first episodes it
-says nothing, and the robot's own policy acts. Prints the return of each episode.
+`command`. It remembers values by the names of the sensors: when the selection changes, the table is
+learned anew from these, on the sensors that are selected now. During the first episodes it
+publishes nothing, and the robot's own policy acts. Prints the return of each episode.
 """
 
 import random

@@ -2,10 +2,10 @@
 
 """A drive over floor and gravel, and whether the selection finds the vibration.
 
-Gravel slows the robot down, and nothing tells gravel from floor but how strongly an IMU shakes: its
+Gravel slows the robot down, and only the vibration of an IMU distinguishes gravel from floor: its
 values are as often above 0 as below. It has 200 messages a second, and the robot file 10 steps:
-`over: rms` summarises the messages between two steps. Then the same is done without it, by which
-the newest message alone is a channel.
+`over: rms` summarises the messages between two steps. Then the same is done without it, so that the
+channel is the newest message alone.
 """
 
 from __future__ import annotations

@@ -121,7 +121,7 @@ def test_a_channel_that_changes_in_no_step_that_is_looked_at_is_not_dispensable(
     states[..., 1] = 0.0
     states[17, np.setdiff1d(np.arange(100), plan.kept[17])[0], 1] = 1.0
     episodes = thinned([Episode(s, s[:, 0] + rng.normal(size=100)) for s in states], 0.95, plan)
-    said = f'flag changes in none of the {len(episodes.samples.step)} steps looked at, of 4000'
+    said = f'flag changes in none of the {len(episodes.samples.step)} steps used, of 4000'
     with pytest.warns(UserWarning, match=f'too rare to be judged: {said}'):
         selector = ConditionalMISelector().fit(episodes, ['x', 'flag'])
     assert selector.statuses_ == ['confirmed', 'undecided']
