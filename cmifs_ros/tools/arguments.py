@@ -15,7 +15,7 @@ def number_from(least: int) -> Callable[[str], int]:
 
     def number(text: str) -> int:
         if not text.isdecimal() or int(text) < least:
-            raise argparse.ArgumentTypeError(f'it is {text!r}; expected a number from {least}')
+            raise argparse.ArgumentTypeError(f'got {text!r}; expected a whole number from {least}')
         return int(text)
 
     return number
@@ -31,7 +31,7 @@ def numbers_from(least: int) -> Callable[[str], list[int]]:
             found = []
         if not found or found[0] < least:
             raise argparse.ArgumentTypeError(
-                f'it is {text!r}; expected numbers from {least} as in 20,40,100'
+                f'got {text!r}; expected whole numbers from {least} as in 20,40,100'
             )
         return found
 
@@ -48,7 +48,7 @@ def between(low: float, high: float) -> Callable[[str], float]:
             value = low
         if not low < value <= high:
             raise argparse.ArgumentTypeError(
-                f'it is {text!r}; expected a number above {low:g}, up to {high:g}'
+                f'got {text!r}; expected a number above {low:g}, up to {high:g}'
             )
         return value
 
@@ -62,7 +62,7 @@ def names_among(choices: Collection[str]) -> Callable[[str], list[str]]:
         found = text.split(',')
         if not set(found) <= set(choices):
             raise argparse.ArgumentTypeError(
-                f'it is {text!r}; expected some of {", ".join(choices)}, separated by commas'
+                f'got {text!r}; expected some of {", ".join(choices)}, separated by commas'
             )
         return [name for name in choices if name in found]
 

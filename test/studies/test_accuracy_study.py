@@ -97,9 +97,9 @@ def test_what_is_not_installed_is_left_out_and_named(capsys, monkeypatch):
 @pytest.mark.parametrize(
     ('arguments', 'message'),
     [
-        (['--tasks', 'chess'], "it is 'chess'; expected some of without_gravel, with_gravel"),
-        (['--methods', 'mi'], "it is 'mi'; expected some of default, paper, kdr"),
-        (['--first-seed', '-1'], "it is '-1'; expected a number from 0"),
+        (['--tasks', 'chess'], "got 'chess'; expected some of without_gravel, with_gravel"),
+        (['--methods', 'mi'], "got 'mi'; expected some of default, paper, kdr"),
+        (['--first-seed', '-1'], "got '-1'; expected a whole number from 0"),
     ],
 )
 def test_bad_arguments_are_one_clear_sentence(arguments, message, capsys):

@@ -198,13 +198,13 @@ def test_ctrl_c_ends_it_with_a_sentence_and_leaves_no_process(tmp_path):
 @pytest.mark.parametrize(
     ('arguments', 'message'),
     [
-        (['--trials', '0'], "argument --trials: it is '0'; expected a number from 1"),
-        (['--episodes', '20,x'], "argument --episodes: it is '20,x'; expected numbers from 2"),
-        (['--episodes', '1'], "argument --episodes: it is '1'; expected numbers from 2"),
+        (['--trials', '0'], "argument --trials: got '0'; expected a whole number from 1"),
+        (['--episodes', '20,x'], "argument --episodes: got '20,x'; expected whole numbers from 2"),
+        (['--episodes', '1'], "argument --episodes: got '1'; expected whole numbers from 2"),
         (['--figure', '8'], "argument --figure: invalid choice: '8'"),
-        (['--methods', 'kdr,mi'], "it is 'kdr,mi'; expected some of paper, kdr, default"),
-        (['--first-seed', '-1'], "argument --first-seed: it is '-1'; expected a number from 0"),
-        (['--jobs', '0'], "argument --jobs: it is '0'; expected a number from 1"),
+        (['--methods', 'kdr,mi'], "got 'kdr,mi'; expected some of paper, kdr, default"),
+        (['--first-seed', '-1'], "argument --first-seed: got '-1'; expected a whole number from 0"),
+        (['--jobs', '0'], "argument --jobs: got '0'; expected a whole number from 1"),
         (['--jobs', '1', '--scheduler', 'a:1'], 'not allowed with argument'),
     ],
 )
