@@ -54,34 +54,34 @@ COLCON := python -c 'import sys; from colcon_core.command import main; sys.exit(
 	build docs clean
 
 help:
-	@echo 'make demo [SCENARIO=with_gravel]  a demonstration: simulator, selector, downstream node'
-	@echo 'make build                        set up, build, install into install/'
-	@echo 'make test                         lint, build, and run the whole test suite'
-	@echo 'make soak                         inject faults and load, for an hour and a half; print a table'
-	@echo "make robot [ROBOT='--goals 20']    a complete robot: select live, and from its bag"
-	@echo "make sorting [SORTING='--boxes 50']  which topics of a sorting robot can go: sorting/page"
-	@echo "make gravel [GRAVEL='--seconds 120']  gravel under an IMU of 200 Hz, with over: rms: gravel/"
-	@echo "make load [LOAD='--seconds 10']    cost of the sampler relative to bare subscriptions"
-	@echo "make saving [SAVING='--every 50']  what a robot saves that switches topics off"
-	@echo "make paper [PAPER='--trials 6']    reproduce the figures of the paper: reproduction/"
+	@echo 'make demo [SCENARIO=with_gravel]         a demonstration: simulator, selector, downstream node'
+	@echo 'make build                               set up, build, install into install/'
+	@echo 'make test                                lint, build, and run the whole test suite'
+	@echo 'make soak                                inject faults and load, for an hour and a half; print a table'
+	@echo "make robot [ROBOT='--goals 20']          a complete robot: select live, and from its bag"
+	@echo "make sorting [SORTING='--boxes 50']      which topics of a sorting robot can go: sorting/page"
+	@echo "make gravel [GRAVEL='--seconds 120']     gravel under an IMU of 200 Hz: gravel/"
+	@echo "make load [LOAD='--seconds 10']          cost of the sampler relative to bare subscriptions"
+	@echo "make saving [SAVING='--every 50']        what switching topics off saves"
+	@echo "make paper [PAPER='--trials 6']          reproduce the figures of the paper: reproduction/"
 	@echo "make benchmark [BENCHMARK='--trials 3']  time and rank sum beside the baselines"
-	@echo "make growth [GROWTH='steps']       time and memory by episodes, steps, channels: growth/"
-	@echo "make fleet [FLEET='--bags 50']     time, memory and bytes moved by a fleet's bags, with and without Dask"
-	@echo "make accuracy [ACCURACY='--trials 6']  rank sums on many tasks with few episodes"
-	@echo "make evidence [EVIDENCE='--trials 6']  how often exactly the right sensors are confirmed"
-	@echo "make looks [LOOKS='--trials 20']  how often anything irrelevant is ever confirmed over many looks"
-	@echo "make camera [CAMERA='--trials 6']  how often a camera is confirmed beside joint states"
-	@echo "make constants [CONSTANTS='--trials 6']  what each constant of the test is worth"
-	@echo "make level [LEVEL='--trials 20']    how often each part of the test errs, in hard worlds"
-	@echo "make targets [TARGETS='--trials 6']  how often each target is given exactly what it needs"
-	@echo "make change [CHANGE='--trials 6']  how soon the selection is right again after the task changed"
-	@echo "make oracle [ORACLE='--trials 6']  rank sums of an oracle that knows all but one channel"
-	@echo "make learning [LEARNING='--trials 4']  whether a selection helps a learner: learning/"
-	@echo "make ablation [ABLATION='--trials 4']  what a controller loses with a sensor frozen: learning/"
-	@echo "make loop [LOOP='--trials 1']      a learner with and without the selector: loop/"
-	@echo 'make docs                         the pages and the API reference as HTML: build/docs/'
-	@echo 'make clean                        remove builds and environments; keep reproduction/, growth/,'
-	@echo '                                  learning/, loop/, sorting/ and gravel/'
+	@echo "make growth [GROWTH='steps']             time and memory by episodes, steps, channels: growth/"
+	@echo "make fleet [FLEET='--bags 50']           time, memory and traffic of a fleet's bags, with and without Dask"
+	@echo "make accuracy [ACCURACY='--trials 6']    rank sums on many tasks with few episodes"
+	@echo "make evidence [EVIDENCE='--trials 6']    how often exactly the right sensors are confirmed"
+	@echo "make looks [LOOKS='--trials 20']         how often anything irrelevant is ever confirmed in many selections"
+	@echo "make camera [CAMERA='--trials 6']        how often a camera is confirmed beside joint states"
+	@echo "make constants [CONSTANTS='--trials 6']  how much each constant of the test matters"
+	@echo "make level [LEVEL='--trials 20']         how often each part of the test errs, in hard worlds"
+	@echo "make targets [TARGETS='--trials 6']      how often each target is given exactly what it needs"
+	@echo "make change [CHANGE='--trials 6']        how soon the selection is right again after the task changed"
+	@echo "make oracle [ORACLE='--trials 6']        rank sums of an oracle that knows all but one channel"
+	@echo "make learning [LEARNING='--trials 4']    whether a selection helps a learner: learning/"
+	@echo "make ablation [ABLATION='--trials 4']    what a controller loses with a sensor frozen: learning/"
+	@echo "make loop [LOOP='--trials 1']            a learner with and without the selector: loop/"
+	@echo 'make docs                                the pages and the API reference as HTML: build/docs/'
+	@echo 'make clean                               remove builds and environments; keep reproduction/, growth/,'
+	@echo '                                         learning/, loop/, sorting/ and gravel/'
 
 demo: build
 	@$(ENTER) && exec install/cmifs_ros/lib/cmifs_ros/demo --scenario $(SCENARIO)
