@@ -130,8 +130,9 @@ def robot_file_of_recording(
         raise RecordingError(f'{path} is a folder of bags; expected one of them, such as {bags[0]}')
     with _tables_in(path) as tables:
         read = {topic: table() for topic, table in tables.items()}
-        heard = [observed(topic, table) for topic, table in watch(read.items(), len(read))]
-    return robot_file_of_topics(path.name, heard, _seconds(read.values()))
+        seconds = _seconds(read.values())
+        heard = [observed(topic, table, seconds) for topic, table in watch(read.items(), len(read))]
+    return robot_file_of_topics(path.name, heard)
 
 
 def _seconds(tables: Iterable[Table]) -> float:

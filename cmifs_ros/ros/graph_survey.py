@@ -84,6 +84,7 @@ class _Listener:
     def __init__(self, node: Node):
         self._node = node
         self._heard: dict[str, ObservedTopic] = {}
+        self._since: dict[str, float] = {}
         self.unknown: dict[str, str] = {}
 
     def look(self) -> None:
@@ -99,6 +100,7 @@ class _Listener:
                 self.unknown[topic] = f'{topic}: its type {kinds[0]} is not installed here'
                 continue
             self._heard[topic] = ObservedTopic(topic, kinds[0], fields_of)
+            self._since[topic] = time.monotonic()
             if is_of_robot(topic):
                 FollowingSubscription(
                     self._node, message_type, topic, lambda m, topic=topic: self._hear(topic, m)
@@ -109,4 +111,7 @@ class _Listener:
         self._heard[topic].look(message)
 
     def heard(self) -> list[ObservedTopic]:
+        now = time.monotonic()
+        for topic, heard in self._heard.items():
+            heard.seconds = now - self._since[topic]
         return list(self._heard.values())

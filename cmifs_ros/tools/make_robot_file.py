@@ -89,7 +89,7 @@ def _listen(seconds: int) -> str:
             f'no message was heard in {seconds} s; is the robot running, with the same '
             'ROS_DOMAIN_ID? --seconds listens longer; BAG reads a recording'
         )
-    text = robot_file_of_topics('the running robot', heard, seconds)
+    text = robot_file_of_topics('the running robot', heard)
     return text + ''.join(f'# {line}\n' for line in unknown)
 
 

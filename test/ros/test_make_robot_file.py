@@ -61,8 +61,11 @@ def test_the_running_robot_gives_what_its_bag_gives(robot, domain, tmp_path):
     live = [line for line in live.splitlines() if not line.endswith('has no messages')]
     bag = robot_file_of_bag(tmp_path / 'bag').splitlines()
     assert live[0].startswith('# Written by make_robot_file from the running robot.')
-    differ = [pair for pair in zip(live[1:], bag[1:], strict=True) if len(set(pair)) > 1]
-    assert all(line.startswith('# Seen: ') for pair in differ for line in pair), differ
+    # A busy machine is heard more slowly than it was recorded.
+    rates = '# Seen: ', 'step: '
+    assert [line for line in live[1:] if not line.startswith(rates)] == [
+        line for line in bag[1:] if not line.startswith(rates)
+    ]
     text = re.sub('(?m)^  # ', '  ', '\n'.join(live))  # Nothing of this robot ever changes.
     made = parse_robot_file(f'{text}\nreward: "1"\n')
     assert {source.path.topic for source in made.sources} == {

@@ -69,10 +69,12 @@ class ObservedTopic:
         Returns the fields (`TypeField`) of a message type, in order.
     count : int, optional
         Number of messages.
+    seconds : float, optional
+        Duration in which they came.
 
     Attributes
     ----------
-    count : int
+    count, seconds : see above
     num_unseen : int
         Messages that could have added information but were not read.
     problem : str
@@ -86,8 +88,11 @@ class ObservedTopic:
 
     """
 
-    def __init__(self, topic: str, kind: str, fields_of: Callable, count: int = 0):
-        self.topic, self.kind, self.count = topic, kind, count
+    def __init__(
+        self, topic: str, kind: str, fields_of: Callable, count: int = 0, seconds: float = 0.0
+    ):
+        self.topic, self.kind = topic, kind
+        self.count, self.seconds = count, seconds
         self.num_unseen = 0
         self.problem = ' has no messages'
         self.fields: dict[str, ObservedField] | None = None
@@ -132,10 +137,15 @@ class ObservedTopic:
                 self._open = [_whole(self.topic, Scan())]
                 self.fields = {field.text: field for field in self._open}
 
-    def period(self, field: ObservedField, seconds: float) -> float:
+    @property
+    def rate(self) -> float:
+        """Messages per second; 0 if there was only one, or all came at once."""
+        return self.count / self.seconds if self.count > 1 and self.seconds > 0 else 0.0
+
+    def period(self, field: ObservedField) -> float:
         """Return the period of a field in seconds; `inf` if it came once."""
         share = field.num_seen / self._num_looks if self.has_entries else 1.0
-        return seconds / (self.count * share) if self.count * share > 1 else math.inf
+        return self.seconds / (self.count * share) if self.count * share > 1 else math.inf
 
     def _found(self, kind: str, message, text: str, above: tuple) -> Iterator[ObservedField]:
         """Yield the fields of a message that have numbers or words, in its own order."""

@@ -74,7 +74,9 @@ def robot_file_of_bag(
     """
     with open_bag(path) as reader:
         heard = {
-            topic: ObservedTopic(topic, info.msgtype, reader.types.fields_of, info.msgcount)
+            topic: ObservedTopic(
+                topic, info.msgtype, reader.types.fields_of, info.msgcount, reader.duration / 1e9
+            )
             for topic, info in reader.topics.items()
         }
         topics = {topic for topic in heard if is_of_robot(topic)}
@@ -85,7 +87,7 @@ def robot_file_of_bag(
                 heard[topic].look(message)
             elif message.cause:
                 heard[topic].problem = f': {message.cause}'
-        return robot_file_of_topics(Path(path).name, heard.values(), reader.duration / 1e9)
+        return robot_file_of_topics(Path(path).name, heard.values())
 
 
 class _Choice:
@@ -111,11 +113,7 @@ class _Choice:
         return is_chosen
 
 
-def robot_file_of_topics(
-    title: str,
-    heard: Iterable[ObservedTopic],
-    seconds: float,
-) -> str:
+def robot_file_of_topics(title: str, heard: Iterable[ObservedTopic]) -> str:
     """Return the text of a robot file with all channels of some topics.
 
     Parameters
@@ -123,8 +121,6 @@ def robot_file_of_topics(
     title : str
         Where they were observed.
     heard : iterable of ObservedTopic
-    seconds : float
-        Duration.
 
     Raises
     ------
@@ -157,7 +153,7 @@ def robot_file_of_topics(
     lines: list[str] = []
     commands: list[str] = []
     for name, (one, field) in zip(names, found, strict=True):
-        line = _channel(name, field, one, _max_age(one.period(field, seconds)))
+        line = _channel(name, field, one, _max_age(one.period(field)))
         (commands if _COMMAND.fullmatch(one.topic.rpartition('/')[2]) else lines).append(line)
     if all(one.fields is None for one in heard):
         raise RecordingError(
@@ -166,7 +162,7 @@ def robot_file_of_topics(
         )
     ros_actions = [one.topic.removesuffix(STATUS) for one in heard if one.topic.endswith(STATUS)]
     lines += [f'# {what}' for what in without]
-    rates = {one.topic: one.count / seconds for one, _ in found if one.count > 1 and seconds > 0}
+    rates = {one.topic: one.rate for one, _ in found if one.rate}
     return _text(title, lines, commands, ros_actions, rates)
 
 

@@ -20,8 +20,11 @@ _QUATERNION = ({'w', 'x', 'y', 'z'}, 'geometry_msgs/msg/Quaternion')
 _MAX_EMPTY = 10_000
 
 
-def observed(topic: str, table: Table) -> ObservedTopic:
-    """Return the fields of a table and their values in random rows, the same each time."""
+def observed(topic: str, table: Table, seconds: float) -> ObservedTopic:
+    """Return the fields of a table and their values in random rows, the same each time.
+
+    Its rows came in so many seconds.
+    """
     count = len(table.times)
 
     def fields_of(kind: str) -> list[TypeField]:
@@ -32,7 +35,7 @@ def observed(topic: str, table: Table) -> ObservedTopic:
             if kind != _ROOT or name not in _TIMES
         ]
 
-    heard = ObservedTopic(topic, _ROOT, fields_of, count)
+    heard = ObservedTopic(topic, _ROOT, fields_of, count, seconds)
     heard.has_entries = True  # Any cell may be empty.
     rows = np.random.default_rng(0).permutation(count)[:MAX_LOOKS]
     heard.num_unseen = count - len(rows)

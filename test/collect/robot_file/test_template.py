@@ -17,12 +17,13 @@ FIELDS = {'charge': 'number', 'kind': 'number', 'on': 'number', 'cells': 'number
 
 def line_of(name, values):
     """Return the line of one of the fields that had these values."""
-    heard = ObservedTopic('/b', 'B', lambda kind: [TypeField(*item) for item in FIELDS.items()])
+    heard = ObservedTopic('/b', 'B', lambda kind: [TypeField(*item) for item in FIELDS.items()],
+                          seconds=1.0)  # fmt: skip
     for value in values:
         heard.count += 1
         fields = {'charge': 0.5, 'kind': 7, 'on': True, 'cells': [1.0]} | {name: value}
         heard.look(Message(**fields))
-    text = robot_file_of_topics('a robot', [heard], 1.0)
+    text = robot_file_of_topics('a robot', [heard])
     (line,) = (line for line in text.splitlines() if re.match(f' +(# )?b_{name}:', line))
     uncommented = re.sub('(?m)^  # ', '  ', text)
     assert len(parse_robot_file(f'{uncommented}reward: "1"\n').sources) == len(FIELDS)
@@ -55,11 +56,14 @@ def text_of(kinds, *said):
     topics = {}
     for topic, kind, message in said:
         heard = topics.setdefault(
-            topic, ObservedTopic(topic, kind, lambda k: [TypeField(*i) for i in kinds[k].items()])
+            topic,
+            ObservedTopic(
+                topic, kind, lambda k: [TypeField(*i) for i in kinds[k].items()], seconds=1.0
+            ),
         )
         heard.count += 1
         heard.look(message)
-    text = robot_file_of_topics('a robot', topics.values(), 1.0)
+    text = robot_file_of_topics('a robot', topics.values())
     parse_robot_file(re.sub('(?m)^  # ', '  ', text) + 'reward: "1"\n')
     return text
 
