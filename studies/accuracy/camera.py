@@ -2,9 +2,9 @@
 
 """How often a camera is confirmed beside joint states, and when it should not be.
 
-Three robots: an arm whose pictures are drawn, and two of MuJoCo whose pictures are rendered, of
-which one is encoded in two ways. In some recordings only the camera shows what matters, in others
-the joint states show it, too, or the camera is that of another robot.
+An arm whose pictures are drawn, and robots of MuJoCo whose pictures are rendered. In some
+recordings only the camera shows what matters, in others the joint states show it, too, or the
+camera is that of another robot.
 """
 
 from __future__ import annotations

@@ -4,11 +4,10 @@
 
 reacher
     With random torques, it is paid for being close to a target, which stays in its place for an
-    episode. The camera looks down; the target is a small red ball. The joint states hide its place,
-    and the vector between it and the fingertip.
-reacher_by_red
-    The same with an encoder of its own, as another package may bring it: the place of the reddest
-    pixel.
+    episode, less the squares of the torques, which vary more. The camera looks down; the target is
+    a small red ball. The joint states hide its place, and the vector between it and the fingertip.
+reacher_at_low_cost
+    The same with a tenth of the cost of torques, so that the target matters more.
 inverted_pendulum
     With random pushes, each step pays 1 until the pole leans too much. The joint states hide its
     angle and angular velocity; the camera shows the former. The cart was pushed by the same forces,
@@ -23,7 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cmifs_ros.collect.encoders import Encoder, Image
+from cmifs_ros.collect.encoders import Image
 from cmifs_ros.core import Episode
 
 from .cameras import ANOTHER, GIVEN, image_of
@@ -42,44 +41,28 @@ class _Scene(NamedTuple):
         One of `ENVIRONMENTS`.
     hidden : tuple of str
         Channels that the joint states lack, unless they are given.
-    view : mapping, optional
-        The camera, in place of the environment's own; as Gymnasium's `default_camera_config`.
     num_episodes : int
-    encoder : Encoder
+    options : mapping
+        Gymnasium's options, such as the camera in place of the environment's own.
 
     """
 
     environment: str
     hidden: tuple[str, ...]
-    view: Mapping[str, object] | None
     num_episodes: int
-    encoder: Encoder = Image()
+    options: Mapping[str, object] = {}
 
 
-class Reddest(Encoder):
-    """Row and column of the reddest pixel."""
-
-    needed = (('height', 'width', 'step', 'data'),)
-    expected = 'a sensor_msgs/Image in rgb8'
-    suffixes = ('.row', '.column')
-
-    def encode(self, message) -> list[float]:
-        """Return the place."""
-        rows = np.frombuffer(message.data, np.uint8).reshape(message.height, message.step)
-        red, *others = rows.reshape(message.height, message.width, 3).transpose(2, 0, 1) / 255
-        return list(map(float, np.unravel_index((2 * red - sum(others)).argmax(), red.shape)))
-
-
+_FROM_ABOVE = {
+    'default_camera_config': {'distance': 0.7, 'elevation': -90.0, 'lookat': (0.0, 0.0, 0.0)}
+}
 _REACHER = _Scene(
-    'reacher',
-    ('target_x', 'target_y', 'to_target_x', 'to_target_y'),
-    {'distance': 0.7, 'elevation': -90.0, 'lookat': (0.0, 0.0, 0.0)},
-    100,
+    'reacher', ('target_x', 'target_y', 'to_target_x', 'to_target_y'), 100, _FROM_ABOVE
 )
 SCENES = {
     'reacher': _REACHER,
-    'reacher_by_red': _REACHER._replace(encoder=Reddest()),
-    'inverted_pendulum': _Scene('inverted_pendulum', ('angle', 'angular_velocity'), None, 150),
+    'reacher_at_low_cost': _REACHER._replace(options=_FROM_ABOVE | {'reward_control_weight': 0.1}),
+    'inverted_pendulum': _Scene('inverted_pendulum', ('angle', 'angular_velocity'), 150),
 }
 
 
@@ -89,11 +72,9 @@ class _Robot:
     def __init__(self, scene: _Scene, seed: np.random.SeedSequence):
         # Read by MuJoCo when it is imported: EGL needs no display.
         os.environ.setdefault('MUJOCO_GL', 'egl')
-        view = scene.view
         self.env = ENVIRONMENTS[scene.environment].make(
-            render_mode='rgb_array', width=SIZE, height=SIZE,
-            **({'default_camera_config': view} if view else {}),
-        )  # fmt: skip
+            render_mode='rgb_array', width=SIZE, height=SIZE, **scene.options
+        )
         self._rng = np.random.default_rng(seed)
         self.observation, _ = self.env.reset(seed=int(seed.generate_state(1)[0]))
         self._num_steps = 0
@@ -113,8 +94,7 @@ class _Robot:
 
 def rendered_robot(name: str, seed: int, kind: str) -> tuple[list[Episode], list[str]]:
     """Return the episodes of a recording and the names of their channels; see `cameras.KINDS`."""
-    scene = SCENES[name]
-    camera = scene.encoder
+    scene, camera = SCENES[name], Image()
     robot, other = (_Robot(scene, part) for part in np.random.SeedSequence(seed).spawn(2))
     seen = other if kind == ANOTHER else robot
     names = ENVIRONMENTS[scene.environment].channel_names
