@@ -15,8 +15,8 @@ import numpy as np
 from cmifs_ros.collect.encoders import Encoder, thumbnail
 from cmifs_ros.collect.recorded_episodes import RecordingError
 
-#: Seconds by which the last frame may lie before a time at which it is still shown.
-_SLACK = 1.0
+#: Share of the time between two frames by which one may be away from its time: half, and rounding.
+_SHARE = 0.75
 
 
 class Shot(NamedTuple):
@@ -52,7 +52,7 @@ def encoded(
     Raises
     ------
     RecordingError
-        If a file cannot be read, or ends before an episode does.
+        If a file cannot be read, or lacks a frame.
 
     """
     values = np.full((len(times), len(encoder.suffixes)), np.nan)
@@ -83,7 +83,7 @@ def frames_at(file: Path, times: np.ndarray) -> Iterator[SimpleNamespace]:
     Raises
     ------
     RecordingError
-        If PyAV is missing, or the file cannot be read or ends before the last time.
+        If PyAV is missing, or the file cannot be read or has no frame near a time.
 
     """
     if find_spec('av') is None:
@@ -96,18 +96,21 @@ def frames_at(file: Path, times: np.ndarray) -> Iterator[SimpleNamespace]:
             stream = container.streams.video[0]
             stream.thread_type = 'AUTO'
             container.seek(int(max(0.0, times[0]) / stream.time_base), stream=stream)
+            farthest = float(_SHARE / stream.average_rate) if stream.average_rate else np.inf
             decoded = container.decode(stream)
             last = frame = next(decoded)
             for time in times:
                 while frame is not None and frame.time < time:
                     last, frame = frame, next(decoded, None)
-                if frame is None and time > last.time + _SLACK:
-                    raise RecordingError(
-                        f'{file} ends at {last.time:.2f} s; expected a frame at {time:.2f} s'
-                    )
                 is_next = frame is not None and frame.time - time < time - last.time
-                yield _message(frame if is_next else last)
-    except (OSError, FFmpegError, StopIteration, IndexError) as error:
+                nearest = frame if is_next else last
+                if abs(nearest.time - time) > farthest:
+                    raise RecordingError(
+                        f'{file} has no frame at {time:.2f} s; the nearest is at '
+                        f'{nearest.time:.2f} s'
+                    )
+                yield _message(nearest)
+    except (OSError, FFmpegError, StopIteration, IndexError, TypeError) as error:
         what = ' '.join(str(error).split())[:200] or 'it has no frame'
         raise RecordingError(f'{file} cannot be read as a video: {what}') from error
 
