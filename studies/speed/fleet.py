@@ -23,7 +23,7 @@ from tqdm import tqdm
 
 from cmifs_ros.tools.arguments import home_path, number_from, numbers_from
 from cmifs_ros.tools.program import CommandError, exit_code
-from studies.trials.tables import markdown_table
+from studies.trials.tables import markdown_table, table_row
 
 from .benchmark import machine
 from .fleet_bags import write_bag
@@ -32,6 +32,11 @@ from .relay import Relay
 
 #: The argument by which this module runs a selection and prints what it took.
 _SELECT = '--select'
+
+_HEADS = (
+    'steps', 'bags', 'where', 'seconds', 'selecting', 'processor seconds', 'command', 'worker',
+    'received', 'sent', 'between workers', 'selection',
+)  # fmt: skip
 
 
 class Cost(NamedTuple):
@@ -126,36 +131,32 @@ def run(options: argparse.Namespace) -> None:
     print(', '.join(f'{name} {value}' for name, value in machine().items()))
     with tempfile.TemporaryDirectory(dir=options.folder) as folder:
         bags = [Path(folder, 'bags', f'{i:05}') for i in range(max(options.bags))]
-        size = {name: getattr(options, name) for name in ('episodes', 'steps', 'channels')}
+        shape = {name: getattr(options, name) for name in ('episodes', 'steps', 'channels')}
         bags[0].parent.mkdir()
         writing = joblib.Parallel(options.writers, return_as='generator')(
-            joblib.delayed(write_bag)(bag, i, **size) for i, bag in enumerate(bags)
+            joblib.delayed(write_bag)(bag, i, **shape) for i, bag in enumerate(bags)
         )
         for _ in tqdm(writing, 'writing', len(bags), unit=' bags', disable=None, leave=False):
             pass
-        rows = []
+        print(f'{options.episodes} episodes of {options.steps} steps a bag, '
+              f'{options.channels} channels\n\n{markdown_table(_HEADS, [])}', end='')  # fmt: skip
         for count in options.bags:
-            whole = cost_of(bags[:count], Path(folder, 'out'))
-            num_steps = count * options.episodes * options.steps
             written = sum(f.stat().st_size for bag in bags[:count] for f in bag.iterdir())
-            rows.append((*_row(num_steps, written, 'one process', whole), ''))
+            size = count * options.episodes * options.steps, _size(written)
+            whole = cost_of(bags[:count], Path(folder, 'out'))
+            print(table_row([*size, 'one process', *_cells(whole), '']), flush=True)
             for workers in options.workers:
                 cost = cost_on_cluster(bags[:count], Path(folder, 'out'), workers)
                 same = 'the same' if cost.selection == whole.selection else 'another'
                 where = f'{workers} worker{"s" if workers > 1 else ""}'
-                rows.append((*_row(num_steps, written, where, cost), same))
-            print(f'{num_steps} steps: {", ".join(whole.selection["names"])}', flush=True)
-    heads = ('steps', 'bags', 'where', 'seconds', 'selecting', 'processor seconds', 'command')
-    heads += ('worker', 'received', 'sent', 'between workers', 'selection')
-    print(f'\n{options.episodes} episodes of {options.steps} steps a bag, '
-          f'{options.channels} channels\n\n{markdown_table(heads, rows)}')  # fmt: skip
+                print(table_row([*size, where, *_cells(cost), same]), flush=True)
 
 
-def _row(num_steps: int, written: int, where: str, cost: Cost) -> tuple:
+def _cells(cost: Cost) -> list[str]:
     seconds = [f'{value:.1f}' for value in (cost.seconds, cost.selecting, cost.cpu)]
     sizes = [cost.worker_bytes, cost.received, cost.sent, cost.between]
     of_cluster = [_size(size) if cost.worker_bytes else '' for size in sizes]
-    return num_steps, _size(written), where, *seconds, _size(cost.client_bytes), *of_cluster
+    return [*seconds, _size(cost.client_bytes), *of_cluster]
 
 
 def _size(num_bytes: int) -> str:
