@@ -12,9 +12,10 @@ from operator import itemgetter
 from pathlib import Path
 
 from .bag import episodes_of_bag
+from .observed_bag import robot_file_of_bag
 from .recorded_episodes import RecordedEpisodes, RecordingError
 from .robot_file import RobotFile
-from .robot_file.template import robot_file_of_bag, robot_file_of_topics
+from .robot_file.template import robot_file_of_topics
 from .sampled_episodes import SampledEpisodes
 from .sampling.bag_reader import OpenBag, open_bag, unwatched
 from .sampling.event_order import SECOND

@@ -19,8 +19,8 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy, qos_profile_action_status_d
 from sensor_msgs.msg import Image, JointState, LaserScan
 from std_msgs.msg import Bool, Float32, String
 
+from cmifs_ros.collect.observed_bag import robot_file_of_bag
 from cmifs_ros.collect.robot_file.reader import parse_robot_file
-from cmifs_ros.collect.robot_file.template import robot_file_of_bag
 from studies.robot.recorder import Recorder
 
 BEST_EFFORT = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)

@@ -10,7 +10,7 @@ import pytest
 pytest.importorskip('rosbags', reason='rosbags is not here')
 pytest.importorskip('matplotlib')
 
-from cmifs_ros.collect.robot_file.template import robot_file_of_bag
+from cmifs_ros.collect.observed_bag import robot_file_of_bag
 from studies.robot.sorting import main
 
 

@@ -13,18 +13,10 @@ import keyword
 import math
 import re
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from itertools import groupby
-from pathlib import Path
 
 from cmifs_ros.collect.recorded_episodes import RecordingError
-from cmifs_ros.collect.sampling.bag_reader import (
-    OpenBag,
-    Undecoded,
-    messages_of,
-    open_bag,
-    unwatched,
-)
 from cmifs_ros.core.words import counted
 
 from .field_path import FieldPath
@@ -33,9 +25,6 @@ from .observed_field import ObservedField
 from .observed_fields import MAX_FIELDS, ObservedTopic
 from .own_topics import own_topics
 
-#: About how many messages of a bag's topic are read, evenly spaced. Of messages up to this size,
-#: each that differs from the previous one is read too: a bumper is hit rarely.
-MAX_LOOKS, MAX_SHORT = 1000, 64
 #: Last parts of topic names that need the part before them to be clear.
 _GENERAL = (
     *('data', 'data_raw', 'raw', 'state', 'status', 'value', 'filtered'),
@@ -48,69 +37,6 @@ _COMMAND = re.compile(r'(.*_)?(cmd|commands?|setpoints?)(_.*)?|goal(_pose)?')
 #: Rates of steps to propose, in Hz, and by how much one may exceed a measured rate.
 _RATES, _SLACK = (10.0, 5.0, 2.0, 1.0, 0.5, 0.2, 0.1), 1.2
 _OF_ROS = ('/rosout', '/parameter_events', '/clock')
-
-
-def robot_file_of_bag(
-    path: str | Path,
-    watch: Callable[[Iterable, int], Iterable] = unwatched,
-    open_bag: OpenBag = open_bag,
-) -> str:
-    """Return the text of a robot file with all channels of a bag.
-
-    It is complete except for the reward, which only the user knows.
-
-    Parameters
-    ----------
-    path : path
-        A file or a folder.
-    watch, open_bag : callable, optional
-        As in `episodes_of_bag`.
-
-    Raises
-    ------
-    BagError
-        If the bag cannot be read.
-
-    """
-    with open_bag(path) as reader:
-        heard = {
-            topic: ObservedTopic(
-                topic, info.msgtype, reader.types.fields_of, info.msgcount, reader.duration / 1e9
-            )
-            for topic, info in reader.topics.items()
-        }
-        topics = {topic for topic in heard if is_of_robot(topic)}
-        total = sum(heard[topic].count for topic in topics)
-        messages = messages_of(reader, path, topics, _Choice(heard))
-        for topic, message, _ in watch(messages, total):
-            if not isinstance(message, Undecoded):
-                heard[topic].look(message)
-            elif message.cause:
-                heard[topic].problem = f': {message.cause}'
-        return robot_file_of_topics(Path(path).name, heard.values())
-
-
-class _Choice:
-    """Choose the messages of a bag to read."""
-
-    def __init__(self, heard: dict[str, ObservedTopic]):
-        self._heard = heard
-        self._counts: Counter[str] = Counter()
-        self._last: dict[str, bytes] = {}
-
-    def __call__(self, topic: str, data: bytes) -> bool:
-        heard = self._heard[topic]
-        if not heard.is_open:
-            return False
-        self._counts[topic] += 1
-        if len(data) <= MAX_SHORT:
-            is_same = data == self._last.get(topic)
-            self._last[topic] = data
-            return not is_same
-        is_in_turn = (self._counts[topic] - 1) % -(-heard.count // MAX_LOOKS) == 0
-        is_chosen = is_in_turn or heard.trace.is_open
-        heard.num_unseen += not is_chosen
-        return is_chosen
 
 
 def robot_file_of_topics(title: str, heard: Iterable[ObservedTopic]) -> str:

@@ -6,8 +6,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cmifs_ros.collect.robot_file.observed_fields import ObservedTopic, TypeField
-from cmifs_ros.collect.robot_file.template import MAX_LOOKS
+from cmifs_ros.collect.robot_file.observed_fields import MAX_LOOKS, ObservedTopic, TypeField
 
 from .table import NANOSECONDS, SECONDS, Table
 

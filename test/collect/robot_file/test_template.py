@@ -8,9 +8,10 @@ from types import SimpleNamespace as Message
 
 import pytest
 
+from cmifs_ros.collect.observed_bag import robot_file_of_bag
 from cmifs_ros.collect.robot_file.observed_fields import ObservedTopic, TypeField
 from cmifs_ros.collect.robot_file.reader import parse_robot_file
-from cmifs_ros.collect.robot_file.template import robot_file_of_bag, robot_file_of_topics
+from cmifs_ros.collect.robot_file.template import robot_file_of_topics
 
 FIELDS = {'charge': 'number', 'kind': 'number', 'on': 'number', 'cells': 'numbers'}
 

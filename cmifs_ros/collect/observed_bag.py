@@ -1,0 +1,80 @@
+# SPDX-License-Identifier: Apache-2.0
+
+"""A first robot file from the topics of a bag."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+from .robot_file.observed_fields import MAX_LOOKS, ObservedTopic
+from .robot_file.template import is_of_robot, robot_file_of_topics
+from .sampling.bag_reader import OpenBag, Undecoded, messages_of, open_bag, unwatched
+
+#: Of messages up to this size, each that differs from the previous one is read: a bumper is hit
+#: rarely.
+_MAX_SHORT = 64
+
+
+def robot_file_of_bag(
+    path: str | Path,
+    watch: Callable[[Iterable, int], Iterable] = unwatched,
+    open_bag: OpenBag = open_bag,
+) -> str:
+    """Return the text of a robot file with all channels of a bag.
+
+    It is complete except for the reward, which only the user knows.
+
+    Parameters
+    ----------
+    path : path
+        A file or a folder.
+    watch, open_bag : callable, optional
+        As in `episodes_of_bag`.
+
+    Raises
+    ------
+    RecordingError
+        If the bag cannot be read, or no topic has a readable message.
+
+    """
+    with open_bag(path) as reader:
+        heard = {
+            topic: ObservedTopic(
+                topic, info.msgtype, reader.types.fields_of, info.msgcount, reader.duration / 1e9
+            )
+            for topic, info in reader.topics.items()
+        }
+        topics = {topic for topic in heard if is_of_robot(topic)}
+        total = sum(heard[topic].count for topic in topics)
+        messages = messages_of(reader, path, topics, _Choice(heard))
+        for topic, message, _ in watch(messages, total):
+            if not isinstance(message, Undecoded):
+                heard[topic].look(message)
+            elif message.cause:
+                heard[topic].problem = f': {message.cause}'
+        return robot_file_of_topics(Path(path).name, heard.values())
+
+
+class _Choice:
+    """Choose the messages of a bag to read."""
+
+    def __init__(self, heard: dict[str, ObservedTopic]):
+        self._heard = heard
+        self._counts: Counter[str] = Counter()
+        self._last: dict[str, bytes] = {}
+
+    def __call__(self, topic: str, data: bytes) -> bool:
+        heard = self._heard[topic]
+        if not heard.is_open:
+            return False
+        self._counts[topic] += 1
+        if len(data) <= _MAX_SHORT:
+            is_same = data == self._last.get(topic)
+            self._last[topic] = data
+            return not is_same
+        is_in_turn = (self._counts[topic] - 1) % -(-heard.count // MAX_LOOKS) == 0
+        is_chosen = is_in_turn or heard.trace.is_open
+        heard.num_unseen += not is_chosen
+        return is_chosen
