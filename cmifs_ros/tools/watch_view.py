@@ -130,12 +130,14 @@ def view(snapshot: Snapshot, console: Console, max_lines: float = math.inf) -> G
         return len(console.render_lines(Group(*parts)))
 
     room = max_lines - num_lines(*parts)
+    num_sensors = min(_MAX_SENSORS, len(snapshot.selection.changing))
+    for_advice = max(room / 2, room - num_sensors - _LINES_BESIDE)
     advice = Group()
     for most in range(_MAX_TOPICS, 0, -1):
         advice = _advice(snapshot.advice, most)
-        if num_lines(advice) <= room / 2:
+        if num_lines(advice) <= for_advice:
             break
-    max_sensors = max(1, min(_MAX_SENSORS, room - num_lines(advice) - _LINES_BESIDE))
+    max_sensors = max(1, min(num_sensors, room - num_lines(advice) - _LINES_BESIDE))
     return Group(*parts, Text(), *_ranking(snapshot.selection, max_sensors), advice)
 
 
