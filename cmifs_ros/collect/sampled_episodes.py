@@ -179,7 +179,12 @@ class SampledEpisodes(Collector):
             kinds = topics[called[0]]
             if kinds and (problem := self._robot.type_problem(name, kinds)):
                 raise RecordingError(f'{path}: {problem}')
-        self._names = {called[0]: name for name, called in found.items()}
+        for name, called in found.items():
+            if self._names.setdefault(called[0], name) != name:
+                raise RecordingError(
+                    f'{path}: {self._names[called[0]]} and {name} of the robot file are both '
+                    f'{called[0]}; expected one name for it, such as {called[0]}'
+                )
         return self._names
 
     def add(self, topic: str, message, recorded: int) -> None:

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 
 from .words import listed
@@ -19,6 +20,7 @@ def problem_of_names(names: Sequence[str]) -> str:
         return f'{len(names)} channels; expected at most {MAX_CHANNELS}'
     if not all(0 < len(name) <= MAX_NAME_LENGTH for name in names):
         return f'a name that is empty or longer than {MAX_NAME_LENGTH} characters: {listed(names)}'
-    if len(set(names)) < len(names):
-        return f'repeated names: {listed(names)}'
+    repeated = [name for name, count in Counter(names).items() if count > 1]
+    if repeated:
+        return f'repeated names: {listed(repeated)}'
     return ''

@@ -246,6 +246,15 @@ def test_a_relative_name_means_the_topic_in_whatever_namespace_it_was_recorded(t
         np.testing.assert_array_equal(bag.episodes[6].states, expected[6][0])
 
 
+def test_two_names_of_one_topic_are_an_error(tmp_path, capsys):
+    write_bag(tmp_path / 'bag', 42)
+    file = tmp_path / 'robot.yaml'
+    file.write_text(ROBOT.replace('/noise.data}', 'noise.data}\n  again: {path: /noise.data}'))
+    assert main([str(tmp_path / 'bag'), '--robot', str(file)]) == 1
+    said = 'noise and /noise of the robot file are both /noise; expected one name for it'
+    assert said in capsys.readouterr().err
+
+
 def test_a_type_that_the_bag_does_not_have_is_an_error(tmp_path, capsys):
     write_bag(tmp_path / 'bag', 42)
     file = tmp_path / 'robot.yaml'

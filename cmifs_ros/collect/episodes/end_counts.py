@@ -9,8 +9,6 @@ from __future__ import annotations
 
 from collections import Counter
 
-from cmifs_ros.core.words import listed
-
 #: Losses depend on the end if at least this many are lost and the shares differ by more than this.
 _FEW, _DIFFERENCE = 3, 0.2
 
@@ -60,7 +58,7 @@ class EndCounts:
         said = {self._lost_in_words(kind): self.num_lost(kind) for kind in self.lost}
         for kind, reasons in self.shortened.items():
             what = (
-                f'last steps of episodes that ended by `{kind}`: {listed(list(reasons))}; their '
+                f'last steps of episodes that ended by `{kind}`: {_most(reasons)}; their '
                 f'rewards count at the last complete step (of {self.ended[kind]} that ended '
                 'this way)'
             )
@@ -71,10 +69,9 @@ class EndCounts:
         ended, others = self.ended[kind], self.ended.total() - self.ended[kind]
         left = ended - self.num_lost(kind)
         kept = others - sum(map(self.num_lost, self.ended)) + self.num_lost(kind)
-        rest = f', but {kept} of {others} that ended otherwise' if others else ''
-        why = listed([why for why, _ in self.lost[kind].most_common(2)])
-        how_many = f'{left} of {ended} are' if left else f'none of {ended} is'
-        return f'episodes that ended by `{kind}`: {why}; {how_many} left{rest}'
+        rest = f', {"but" if kept else "and"} {_of(kept, others)} that ended otherwise'
+        how_many = f'{_of(left, ended)} {"are" if left else "is"} left{rest if others else ""}'
+        return f'episodes that ended by `{kind}`: {_most(self.lost[kind])}; {how_many}'
 
     def problem(self) -> str:
         """Return a message if losses depend on how an episode ends; otherwise empty."""
@@ -85,3 +82,12 @@ class EndCounts:
             if lost >= _FEW and lost / ended - share_of_others > _DIFFERENCE:
                 return f'dropped {lost} {self._lost_in_words(kind)}'
         return ''
+
+
+def _of(count: int, total: int) -> str:
+    return f'{count or "none"} of {total}'
+
+
+def _most(reasons: Counter[str]) -> str:
+    """Return the two most frequent reasons."""
+    return ', '.join(reason for reason, _ in reasons.most_common(2))

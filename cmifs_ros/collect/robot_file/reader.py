@@ -15,6 +15,7 @@ import yaml
 from cmifs_ros.collect.discount import Discount
 from cmifs_ros.core import targets
 from cmifs_ros.core.channel_names import problem_of_names
+from cmifs_ros.core.words import did_you_mean
 
 from .expression import Expression
 from .field_path import FieldPath
@@ -134,10 +135,12 @@ class _FileReader(SourceReader):
             self.note(node, f'{what}: {error}')
             return None
         if unknown := sorted(rule.numbers - numbers):
+            meant = '' if unknown[0] in sources else did_you_mean(unknown[0], sorted(numbers))
+            way = _way_to_number(sources.get(unknown[0]))
             self.note(
                 node,
-                f'{what} uses {", ".join(unknown)[:60]}; expected names of channels, actions or '
-                f'values that are single numbers{_way_to_number(sources.get(unknown[0]))}: '
+                f'{what} uses {", ".join(unknown)[:60]}{meant}; expected names of channels, '
+                f'actions or values that are single numbers{way}: '
                 f'{", ".join(sorted(numbers))[:300]}',
             )
         for name, words in rule.words.items():

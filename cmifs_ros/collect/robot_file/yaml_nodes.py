@@ -9,6 +9,8 @@ from collections.abc import Sequence
 
 import yaml
 
+from cmifs_ros.core.words import did_you_mean
+
 from .field_path import FieldPath, parse_field_path
 
 
@@ -38,7 +40,8 @@ class Nodes:
         for key, value in node.value:
             name = key.value if isinstance(key, yaml.ScalarNode) else shown(key)
             if keys is not None and name not in keys:
-                self.note(key, f'{what} has {name[:60]!r}; expected {", ".join(keys)}')
+                meant = did_you_mean(name, keys)
+                self.note(key, f'{what} has {name[:60]!r}{meant}; expected {", ".join(keys)}')
             elif name in found:
                 self.note(key, f'{what} has {name[:60]!r} twice')
             else:

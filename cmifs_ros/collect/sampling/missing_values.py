@@ -9,7 +9,7 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 
 from cmifs_ros.collect.robot_file.model import Source
-from cmifs_ros.core.words import counted, listed
+from cmifs_ros.core.words import counted, first, listed, short
 
 from .event_order import SECOND
 
@@ -108,6 +108,23 @@ class MissingValues:
                 what += f' ({listed(names)})' if len(names) < sizes[origin] else ''
             words[f'{what}: {why}'] = count
         return words
+
+    def named(self, names: Iterable[str]) -> str:
+        """Return sources as text: one by its name, several of a topic by their number.
+
+        A name that is not a source stands for itself.
+        """
+        alike: dict[tuple[str, str], list[str]] = {}
+        for name in sorted(names):
+            source = self._sources.get(name)
+            key = (source.path.topic, source.role) if source else (name, '')
+            alike.setdefault(key, []).append(name)
+        return first(
+            [
+                short(some[0]) if len(some) == 1 else f'{counted(len(some), role)} of {topic}'
+                for (topic, role), some in alike.items()
+            ]
+        )
 
     def before_first(self) -> tuple[int, str]:
         """Return how many steps came before the first message of some source, and of which last.

@@ -18,7 +18,6 @@ from cmifs_ros.collect.episodes.end_counts import EndCounts
 from cmifs_ros.collect.episodes.episode_check import Condition
 from cmifs_ros.collect.robot_file.expression import Expression
 from cmifs_ros.collect.robot_file.model import ACTION, CHANNEL, OWN_VALUES, RobotFile, Source
-from cmifs_ros.core.words import listed
 
 from . import missing_values
 from .episode_ends import EpisodeEnds
@@ -296,7 +295,7 @@ class Sampler:
         if self._tail is not None:
             steps += self._follow_tail(reached, has_ended)
         elif has_ended and self._lacking:
-            self.ends.add_lost(end.kind, f'a step lacks {listed(sorted(self._lacking))}')
+            self.ends.add_lost(end.kind, f'a step lacks {self.missing.named(self._lacking)}')
         elif has_ended:
             self.ends.add(end.kind)
         self.num_steps += len(steps)
@@ -307,7 +306,7 @@ class Sampler:
         tail, end = self._tail, self._end
         if not has_ended and tail.is_sound and reached.state is None:
             return []
-        names = listed(sorted(self._lacking | tail.names))
+        names = self.missing.named(self._lacking | tail.names)
         # Windows of a fixed length end anywhere, so these are not shortened.
         if has_ended and tail.is_sound and not self._lacking and end.kind != 'steps':
             self.ends.add_shortened(end.kind, f'they lack {names}')

@@ -19,6 +19,17 @@ def test_losses_that_depend_on_the_end_are_told():
     assert ends.dropped_in_words()[said] == 12
 
 
+def test_no_end_is_set_apart_if_all_episodes_are_lost():
+    ends = EndCounts()
+    for kind in ('succeeded', 'succeeded', 'aborted'):
+        ends.add_lost(kind, f'a step lacks {"a_channel_with_a_long_name" * 2}')
+    assert list(ends.dropped_in_words()) == [
+        f'episodes that ended by `{kind}`: a step lacks {"a_channel_with_a_long_name" * 2}; none '
+        f'of {count} is left, and none of {3 - count} that ended otherwise'
+        for kind, count in (('succeeded', 2), ('aborted', 1))
+    ]
+
+
 def test_losses_at_random_are_counted_and_no_problem():
     ends = EndCounts()
     for kind in ('terminated', 'truncated'):

@@ -114,6 +114,32 @@ def test_kinds_that_cannot_be_are_refused(source, said):
         parse_robot_file(WHOLE.replace('channels:\n', f'channels:\n  k: {{{source}}}\n'))
 
 
+@pytest.mark.parametrize(
+    ('right', 'wrong', 'said'),
+    [
+        (
+            'channels:',
+            'chanels:',
+            "the file has 'chanels' (did you mean 'channels'?); expected step",
+        ),
+        (
+            'reward:',
+            'reward: suceeded\nignored:',
+            "reward uses suceeded (did you mean 'succeeded'?)",
+        ),
+    ],
+)
+def test_a_misspelt_word_is_answered_with_the_one_most_like_it(right, wrong, said):
+    with pytest.raises(RobotFileError, match=re.escape(said)):
+        parse_robot_file(WHOLE.replace(right, wrong))
+
+
+def test_only_the_names_that_are_repeated_are_called_so():
+    text = WHOLE.replace('channels:\n', 'channels:\n  k: {path: /k.data, one_hot: [1, 1]}\n')
+    with pytest.raises(RobotFileError, match=r'repeated names: k\.1$'):
+        parse_robot_file(text)
+
+
 TASK = """
 step: {rate: 10}
 channels: {x: /odom.x, mode: {path: /mode.data, one_hot: [idle, up]}, scan: "/scan.ranges[2:5]"}

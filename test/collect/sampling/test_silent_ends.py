@@ -24,7 +24,7 @@ episode: {terminated: hit, truncated: home%s}
 LENGTH = 12
 
 
-def run(num_silent, *, silent=('range',), ends='hit', back=0, cost=0.5, more=''):
+def run(num_silent, *, silent=('range',), ends='hit', back=0, cost=0.5, far=2.0, more=''):
     """Return episodes and the sampler of three, of which the second's last steps lack something.
 
     Each has 12 moments, and is told to end at the last.
@@ -37,7 +37,10 @@ def run(num_silent, *, silent=('range',), ends='hit', back=0, cost=0.5, more='')
         is_last = step == LENGTH - 1
         messages = {
             'slope': Message(data=nan if is_silent and 'slope' in silent else 0.1 * i),
-            'range': Message(near=nan if is_silent and 'range' in silent else 1.0 * i, far=2.0),
+            'range': Message(
+                near=nan if is_silent and 'range' in silent else 1.0 * i,
+                far=far if is_silent else 2.0,
+            ),
             'hit': Message(data=is_last and ends == 'hit'),
             'home': Message(data=is_last and ends == 'home'),
             'cost': Message(data=cost if is_silent else 0.5),
@@ -93,9 +96,18 @@ def test_an_episode_is_kept_up_to_where_a_topic_fell_silent_with_all_that_it_was
         ({'num_silent': 4, 'back': 3}, 'near'),
         ({'num_silent': 4, 'cost': nan}, 'near, reward'),
         ({'num_silent': 12}, 'near'),
+        ({'num_silent': 12, 'far': nan}, '2 channels of /range'),
         ({'num_silent': 4, 'ends': 'steps', 'more': ', steps: 11'}, 'near'),
     ],
-    ids=['two topics', 'too long', 'it comes back', 'reward unknown', 'all along', 'windows'],
+    ids=[
+        'two topics',
+        'too long',
+        'it comes back',
+        'reward unknown',
+        'all along',
+        'all of it',
+        'windows',
+    ],
 )
 def test_else_it_is_lost_and_told_by_its_end(what, lacks):
     episodes, sampler = run(**what)
