@@ -45,7 +45,7 @@ class Item:
     ----------
     name : str
     notes : tuple of str
-        What its sensors add, and conditions for switching it off.
+        What the sensors that decide its list add, and conditions for switching it off.
     rate : Rate or None
     more_episodes : int or None
         If undecided: roughly how many more would decide. None: unknown.
@@ -108,9 +108,9 @@ def advice_of(
     for name, found in members.items():
         sensors = list(dict.fromkeys(sensor for sensor in found if sensor is not None))
         rate = (rates or {}).get(name)
-        if any(sensor.is_selected or sensor.status == CONFIRMED for sensor in sensors):
-            notes = _added(name, sensors, _estimate)
-            if all(sensor.status != CONFIRMED for sensor in sensors):
+        if kept := [s for s in sensors if s.is_selected or s.status == CONFIRMED]:
+            notes = _added(name, kept, _estimate)
+            if all(sensor.status != CONFIRMED for sensor in kept):
                 notes += ('selected, but not confirmed',)
             keep.append(Item(name, notes, rate))
         elif None not in found and all(sensor.status == DISPENSABLE for sensor in sensors):
@@ -122,7 +122,8 @@ def advice_of(
                 can_go.append(Item(name, notes, rate))
         else:
             more = _most([_more_episodes(s, selection) for s in found])
-            undecided.append(Item(name, _added(name, sensors, _range), rate, more))
+            open_ones = [sensor for sensor in sensors if sensor.status != DISPENSABLE]
+            undecided.append(Item(name, _added(name, open_ones, _range), rate, more))
     lists = tuple(keep), tuple(can_go), tuple(undecided)
     return Advice(_SCOPES[selection.target], *lists, _hints(selection))
 

@@ -46,6 +46,7 @@ def fields_of(selection: Selection, topics: SensorTopics | None = None) -> dict[
         'gamma': selection.gamma,
         'predicted_share': selection.predicted_share,
         'predicted_share_of_all': selection.predicted_share_of_all,
+        'predicted_share_of_none': selection.predicted_share_of_none,
         'margin': selection.margin,
         'level': selection.level,
         'warnings': selection.warnings,
@@ -88,6 +89,8 @@ def selection_of(fields: dict[str, Any]) -> Selection:
         gamma=_number_or_none(fields.get('gamma')),  # Absent in old files.
         predicted_share=_number_or_none(fields['predicted_share']),
         predicted_share_of_all=_number_or_none(fields['predicted_share_of_all']),
+        # Absent in old files.
+        predicted_share_of_none=_number_or_none(fields.get('predicted_share_of_none')),
         margin=_number_or_none(fields['margin']),
         level=_number_or_none(fields.get('level')),  # Absent in old files.
         warnings=tuple(_text(text) for text in list_of(fields['warnings'])),

@@ -104,24 +104,34 @@ def interval(effect: Effect) -> str:
 
 
 def prediction(selection: Selection) -> str:
-    """Return how much the selected sensors predict, and all sensors; empty if unknown."""
+    """Return how much the selected sensors predict, and all sensors; empty if unknown.
+
+    If half of that needs no sensor, because the return follows the step or the action, it says so.
+    """
     if selection.predicted_share is None or selection.predicted_share_of_all is None:
         return ''
     # A prediction worse than the mean counts as 0.
     of_selected = max(selection.predicted_share, 0.0)
     of_all = max(selection.predicted_share_of_all, 0.0)
+    of_none = max(selection.predicted_share_of_none or 0.0, 0.0)
     variance = f'of the variance of the {PREDICTED[selection.target]} in episodes left out'
     count, num_selected = len(selection.sensors), sum(s.is_selected for s in selection.sensors)
     if not num_selected:
-        return f'all sensors together predict {of_all:.0%} {variance}'
-    verb = 'predicts' if num_selected == 1 else 'predict'
-    if num_selected == count:
-        return f'all sensors are selected, and predict {of_selected:.0%} {variance}'
-    selected = f'the {num_selected} selected of {counted(count, "sensor")}'
-    together = f'all together, {of_all:.0%}'
-    if round(of_all, 2) < round(of_selected, 2):
-        together += ' (the others make it harder to learn)'
-    return f'{selected} {verb} {of_selected:.0%} {variance}; {together}'
+        said = f'all sensors together predict {of_all:.0%} {variance}'
+    elif num_selected == count:
+        said = f'all sensors are selected, and predict {of_selected:.0%} {variance}'
+    else:
+        verb = 'predicts' if num_selected == 1 else 'predict'
+        said = (
+            f'the {num_selected} selected of {counted(count, "sensor")} {verb} {of_selected:.0%} '
+            f'{variance}; all together, {of_all:.0%}'
+        )
+        if round(of_all, 2) < round(of_selected, 2):
+            said += ' (the others make it harder to learn)'
+    if round(of_none, 2) > 0 and of_none >= (of_selected if num_selected else of_all) / 2:
+        context = 'step' if selection.target == ACTION else 'step and the action'
+        said += f'; without any sensor, the {context} alone: {of_none:.0%}'
+    return said
 
 
 def reason(selection: Selection, sensor: SensorResult) -> str:

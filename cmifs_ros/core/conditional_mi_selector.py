@@ -89,9 +89,9 @@ class ConditionalMISelector(SensorSelector):
         What each sensor adds to what the other confirmed sensors predict of the target.
     why_ : list of str
         The variable of the target for which the evidence for each sensor is strongest.
-    predicted_share_, predicted_share_of_all_ : float
-        Share of the target's variance that the selected sensors, and all sensors, predict in
-        held-out episodes.
+    predicted_share_, predicted_share_of_all_, predicted_share_of_none_ : float
+        Share of the target's variance that the selected sensors, all sensors, and none predict in
+        held-out episodes, each together with the step and the action.
     warnings_ : list of str
         What the data cannot show. Each is also passed to `warnings.warn`.
     null_scores_ : numpy.ndarray, shape (S, 3)
@@ -271,6 +271,7 @@ class ConditionalMISelector(SensorSelector):
     def _ranked(self, episodes: ThinnedEpisodes, names, sensors):
         self.warnings_: list[str] = []
         self.predicted_share_ = self.predicted_share_of_all_ = 0.0
+        self.predicted_share_of_none_ = 0.0
         self.num_duplicates_ = episodes.num_copies
         samples = self._samples(episodes)
         if self.criterion == 'plug_in':
@@ -306,6 +307,7 @@ class ConditionalMISelector(SensorSelector):
             selected = [c for f in found.findings[: found.num_selected] for c in f.channels]
             self.predicted_share_ = test.predicted_share(selected)
             self.predicted_share_of_all_ = test.predicted_share(np.flatnonzero(varying).tolist())
+            self.predicted_share_of_none_ = test.predicted_share([])
         found = found._replace(
             findings=[_among_all(f, live) for f in found.findings],
             verdicts=[

@@ -104,9 +104,9 @@ class Selection:
         The question; see `targets`.
     gamma : float or None
         Discount factor per step of the return.
-    predicted_share, predicted_share_of_all : float or None
-        Share of the target's variance that the selected sensors, and all sensors, predict in
-        held-out episodes.
+    predicted_share, predicted_share_of_all, predicted_share_of_none : float or None
+        Share of the target's variance that the selected sensors, all sensors, and none predict in
+        held-out episodes, each together with the step and the action.
     warnings : tuple of str
         What the data cannot show.
     margin : float or None
@@ -132,6 +132,7 @@ class Selection:
     gamma: float | None = None
     predicted_share: float | None = None
     predicted_share_of_all: float | None = None
+    predicted_share_of_none: float | None = None
     warnings: tuple[str, ...] = ()
     margin: float | None = None
     level: float | None = None
@@ -251,6 +252,7 @@ def select(
         gamma=getattr(selector, 'gamma', None),
         predicted_share=getattr(selector, 'predicted_share_', None),
         predicted_share_of_all=getattr(selector, 'predicted_share_of_all_', None),
+        predicted_share_of_none=getattr(selector, 'predicted_share_of_none_', None),
         warnings=tuple(getattr(selector, 'warnings_', ())),
         margin=selector.margin if _has_test(selector) else None,
         level=selector.significance if _has_test(selector) else None,

@@ -7,11 +7,13 @@ from __future__ import annotations
 import json
 import time
 
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
 from rclpy.serialization import serialize_message
 from std_msgs.msg import String
 
 from cmifs_ros.collect.robot_file.model import RobotFile
+from cmifs_ros.collect.robot_file.own_topics import is_own_entry
 from cmifs_ros.collect.sensor_topics import SensorTopics, topic_fields
 from cmifs_ros.collect.traffic import TrafficMeter
 
@@ -42,7 +44,16 @@ class TopicTraffic:
         self._publish()
 
     def take(self, topic: str, message) -> None:
-        """Count a message; measure the size of one message per topic and second."""
+        """Count a message; measure the size of one message per topic and second.
+
+        This package's own entries in /diagnostics are not the robot's.
+        """
+        if (
+            isinstance(message, DiagnosticArray)
+            and message.status
+            and all(map(is_own_entry, message.status))
+        ):
+            return
         self.meter.take(topic)
         if topic not in self._weighed:
             self._weighed.add(topic)

@@ -17,6 +17,7 @@ from cmifs_ros.collect.pooling import Pool
 from cmifs_ros.collect.recorded_episodes import RecordedEpisodes
 from cmifs_ros.collect.robot_file import RobotFile
 from cmifs_ros.collect.selection_fields import fields_of
+from cmifs_ros.collect.selection_report import nothing_selected
 from cmifs_ros.collect.sensor_topics import SensorTopics
 from cmifs_ros.collect.traffic import rates_of
 from cmifs_ros.core.selection import Selection
@@ -57,7 +58,8 @@ def write_files(
     topics = _topics(data.facts, robot)
     advice = advice_of(selection, *(topics or ()))
     print(f'\n{ranking_text(selection)}\n')
-    print(f'selected: {", ".join(selection.selected) or "nothing"} ({selection.seconds:.1f} s)')
+    found = ', '.join(selection.selected) or f'nothing: {nothing_selected(selection)}'
+    print(f'selected: {found} ({selection.seconds:.1f} s)')
     options.out.mkdir(parents=True, exist_ok=True)
     written = [options.out / 'selection.json', options.out / 'selection.png']
     written[0].write_text(json.dumps(fields_of(selection, topics), indent=1) + '\n')

@@ -56,6 +56,14 @@ def test_a_topic_can_go_when_all_its_channels_can():
     assert lists(advice_of(found, both)) == [['/odom', '/scan'], [], ['/power']]
 
 
+def test_only_the_sensors_that_put_a_topic_into_its_list_are_named():
+    topics = {'x': '/odom', 'noise': '/odom', 'battery': '/power', 'radio': '/power'}
+    lines = advice_lines(advice_of(selection(X, NOISE, RADIO, BATTERY), topics))
+    assert '  /odom: x adds 40.0%' in lines
+    assert any(line.startswith('  /power: battery may add up to 3.2%; about') for line in lines)
+    assert not any('noise' in line or 'radio' in line for line in lines)
+
+
 def test_of_a_channel_that_was_not_tested_nothing_is_said():
     advice = advice_of(selection(X, RADIO), {'x': '/x', 'radio': '/radio', 'still': '/radio'})
     assert lists(advice) == [['/x'], [], ['/radio']]

@@ -54,6 +54,7 @@ def selections(draw):
         gamma=draw(st.none() | numbers),
         predicted_share=draw(st.none() | numbers),
         predicted_share_of_all=draw(st.none() | numbers),
+        predicted_share_of_none=draw(st.none() | numbers),
         margin=draw(st.none() | st.floats(0, 1, exclude_min=True, exclude_max=True)),
         warnings=tuple(draw(st.lists(st.text(max_size=1000), max_size=3))),
     )

@@ -109,6 +109,26 @@ def test_it_is_said_how_much_the_selected_predict_beside_all():
     assert prediction(PLAIN) == ''
 
 
+@pytest.mark.parametrize(
+    ('sensors', 'of_none', 'end'),
+    [
+        ((SURE, DISPENSABLE), 0.36, 'all together, 70%; without any sensor, the step and the '
+         'action alone: 36%'),
+        ((SURE, DISPENSABLE), 0.3, 'all together, 70%'),
+        ((SURE,), 0.71, 'without any sensor, the step and the action alone: 71%'),
+        ((DISPENSABLE,), 0.36, 'without any sensor, the step and the action alone: 36%'),
+        ((DISPENSABLE,), 0.29, 'in episodes left out'),
+        ((DISPENSABLE,), None, 'in episodes left out'),
+    ],
+)  # fmt: skip
+def test_a_return_that_mostly_follows_the_step_or_the_action_is_not_credited_to_sensors(
+    sensors, of_none, end
+):
+    shares = {'predicted_share': 0.7, 'predicted_share_of_all': 0.7}
+    shown = selection(*sensors, **shares, predicted_share_of_none=of_none)
+    assert prediction(shown).endswith(end)
+
+
 def decided(name, why, **more):
     more = {'is_selected': True, 'pvalue': 0.01, 'status': 'confirmed'} | more
     return sensor(name, why=why, **more)

@@ -102,6 +102,20 @@ def test_actions_of_another_length_or_width_are_refused():
         ConditionalMISelector().fit(pair)
 
 
+def test_what_the_action_predicts_is_told_apart_from_what_the_sensors_predict():
+    rng = np.random.default_rng(0)
+    episodes = [
+        Episode(states, actions[:, 0] + 0.2 * rng.normal(size=8), actions)
+        for states, actions in (
+            (rng.normal(size=(8, 2)), rng.normal(size=(8, 1))) for _ in range(40)
+        )
+    ]
+    selector = ConditionalMISelector(target='decision').fit(episodes)
+    assert selector.num_features_ == 0
+    assert selector.predicted_share_of_none_ == pytest.approx(1 / 1.04, abs=0.06)
+    assert selector.predicted_share_of_none_ == selector.predicted_share_
+
+
 @pytest.mark.parametrize('target', ['return', 'decision'])
 def test_rewards_that_never_differ_confirm_nothing(target):
     states = np.random.default_rng(0).normal(size=(10, 5, 2))
