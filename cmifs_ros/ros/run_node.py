@@ -12,6 +12,8 @@ import sys
 
 #: Seconds until a signal is noticed, at most.
 _SIGNAL_PERIOD = 0.1
+#: Seconds until a process ends whose middleware hangs.
+_LAST_SECONDS = 5
 
 
 def selector_node() -> int:
@@ -78,10 +80,20 @@ def run_node(program: str, name: str) -> int:
         print(error, file=sys.stderr)
         return 2
     finally:
+        end_in_any_case()
         if node is not None:
             node.destroy_node()
         rclpy.try_shutdown()
     return 0
+
+
+def end_in_any_case() -> None:
+    """Let the system end this process in some seconds, unless it has ended by then.
+
+    A process that is killed may leave a mutex in the shared memory of Fast DDS 2.14 locked. Others
+    that destroy a publisher then wait for it for ever, with the interpreter lock held.
+    """
+    signal.alarm(_LAST_SECONDS)
 
 
 def make_executor(context=None):

@@ -27,6 +27,7 @@ from std_msgs.msg import String
 from cmifs_ros.collect.advice import advice_of
 from cmifs_ros.collect.selection_fields import selection_of
 from cmifs_ros.ros.heard_topics import HeardTopics
+from cmifs_ros.ros.run_node import end_in_any_case
 
 from .arguments import folder_to_write
 from .program import CommandError
@@ -178,6 +179,7 @@ def main(arguments: list[str] | None = None, program: str = 'watch') -> int:
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
         node = rclpy.create_node(f'watch_{os.getpid()}', namespace=namespace)
         code = run(node, Console(), options.report)
+        end_in_any_case()
         # At the end of the process, it would take seconds on a busy machine.
         node.destroy_node()
         return code

@@ -48,6 +48,37 @@ def test_a_signal_during_the_start_ends_it_without_a_traceback(tmp_path, command
     assert 'Traceback' not in output.read_text()
 
 
+HANGING = """
+import ctypes
+from cmifs_ros.ros import run_node, simulator_node
+
+# As Fast DDS waits for the mutex of a killed process: with the interpreter lock held.
+simulator_node.SimulatorNode.destroy_node = lambda self: ctypes.PyDLL(None).pause()
+run_node.run_node('simulator_node', 'SimulatorNode')
+"""
+
+
+def test_a_middleware_that_hangs_at_the_end_does_not_keep_a_node_from_ending(tmp_path):
+    output = tmp_path / 'output'
+    with output.open('w') as file:
+        process = subprocess.Popen(
+            [sys.executable, '-c', HANGING],
+            env=os.environ | {'ROS_DOMAIN_ID': str(1 + os.getpid() % 100)},
+            stdout=file,
+            stderr=subprocess.STDOUT,
+        )
+    try:
+        deadline = time.monotonic() + 60
+        while '[simulator]' not in output.read_text():
+            assert time.monotonic() < deadline
+            time.sleep(0.05)
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(60) == -signal.SIGALRM
+    finally:
+        process.kill()
+        process.wait()
+
+
 @pytest.mark.parametrize(
     ('node', 'parameter', 'said'),
     [

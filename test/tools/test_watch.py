@@ -50,7 +50,7 @@ def watch():
     def start(number, *arguments):
         terminal = pexpect.spawn(
             str(EXECUTABLES / 'watch'), list(arguments), env=environment(number),
-            dimensions=(LINES, COLUMNS), timeout=60, encoding='utf-8',
+            dimensions=(LINES, COLUMNS), timeout=300, encoding='utf-8',
         )  # fmt: skip
         terminals.append(terminal)
         return terminal
