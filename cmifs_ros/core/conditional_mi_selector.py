@@ -14,7 +14,7 @@ import numpy as np
 
 from .blas_threads import one_blas_thread
 from .criterion import make_criterion
-from .data_checks import problems_of_data, problems_of_skill
+from .data_checks import problems_of_data, problems_of_held_actions, problems_of_skill
 from .effect import Effect
 from .episode import Episode, as_episodes
 from .evidence_ranking import EvidenceRanking, rank_by_evidence
@@ -344,6 +344,8 @@ class ConditionalMISelector(SensorSelector):
             ordered=self._ordered,
             n_jobs=self.n_jobs,
         )
+        if self.target == ACTION:
+            self._warn_of(problems_of_held_actions(samples, action_names))
         if num_actions and self.target == RETURN:
             acting = TargetTest(samples, ACTION, names, action_names, self.gamma)
             self._warn_of(problems_of_skill(acting.predicted_shares, samples.states.shape[1]))

@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from .drift import share_of_drift
+from .samples import Samples
 from .thinning import ThinnedEpisodes
 from .words import counted, first, listed, short
 
@@ -25,6 +26,8 @@ _MUCH_OVERLAP = 0.05
 _MUCH_BETWEEN, _SOME_BETWEEN = 0.9, 0.2
 #: Warn if the channels predict at least this share of the action's variance.
 _MUCH_PREDICTED = 0.5
+#: Warn if at least this share of the actions repeat the previous one: commands of two steps.
+_MUCH_REPEATED = 0.5
 #: Most channels that predict an action together, chosen from so many that predict it best alone.
 _MAX_PREDICTORS, _MAX_COMPARED = 3, 5
 #: Returns the share of each action's variance that channels predict.
@@ -94,6 +97,30 @@ def problems_of_skill(predicted_shares: Shares, num_channels: int) -> list[str]:
         f'the action follows from the sensors ({first(said)}): if a controller always acts alike, '
         "the return cannot show what it needs its sensors for; target 'action' finds which ones it "
         'uses'
+    ]
+
+
+def problems_of_held_actions(samples: Samples, action_names: Sequence[str]) -> list[str]:
+    """Return which actions mostly repeat the previous one, beyond what chance explains.
+
+    The share of repetitions is corrected for chance as in Cohen's kappa.
+    """
+    follows = (np.diff(samples.owner) == 0) & (np.diff(samples.step) == 1)
+    if not follows.any():
+        return []
+    said = []
+    for name, values in zip(action_names, samples.actions.T, strict=True):
+        repeated = (np.diff(values) == 0)[follows].mean()
+        shares = np.unique(values, return_counts=True)[1] / len(values)
+        chance = shares @ shares
+        if chance < 1 and (repeated - chance) / (1 - chance) >= _MUCH_REPEATED:
+            said.append(f'{short(name)}: in {repeated:.0%} of the steps')
+    if not said:
+        return []
+    return [
+        f'the action often repeats the previous one ({first(said)}): sensors that show the '
+        'previous action, such as wheel speeds, then predict it whether or not the controller uses '
+        'them; make steps about as long as a command'
     ]
 
 

@@ -24,6 +24,8 @@ _SILENCE = 5.0
 _GRACE = 3.0
 #: Causes reported, the most frequent ones.
 _MAX_CAUSES = 8
+#: Log lines for causes that are found at once.
+_MAX_LINES = 3
 
 
 class SamplerStatus:
@@ -56,7 +58,11 @@ class SamplerStatus:
         return time.monotonic() - max(self._heard_at.values(), default=-math.inf)
 
     def news(self) -> list[str]:
-        """Return log lines of what steps lack, each only once."""
+        """Return log lines of what steps lack, each cause only once.
+
+        If much is lacking at once, which mostly has one reason, such as a robot that stands still,
+        there is one line.
+        """
         now, missing = time.monotonic(), Counter(self._sampler.missing.counts)
         if self._stepping_at is None and self._sampler.num_moments:
             self._stepping_at = now
@@ -65,7 +71,10 @@ class SamplerStatus:
             return []
         fresh = {key: n for key, n in missing.items() if n > self._told.get(key, 0)}
         self._told |= dict.fromkeys(fresh, math.inf)
-        causes = self._sampler.missing.in_words(fresh)
+        causes = list(self._sampler.missing.in_words(fresh))
+        if len(causes) > _MAX_LINES:
+            more = len(causes) - _MAX_LINES
+            causes = [f'{"; ".join(causes[:_MAX_LINES])}; and {more} more, see /diagnostics']
         return [f'steps lack {what}; this breaks episodes' for what in causes]
 
     def statuses(self, problems: Mapping[str, str]) -> list[DiagnosticStatus]:

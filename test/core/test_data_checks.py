@@ -11,10 +11,10 @@ from cmifs_ros.core import ConditionalMISelector, Episode
 from cmifs_ros.core.data_checks import independent_episodes
 
 
-def told(episodes, **options):
+def told(episodes, target='return', **options):
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter('always')
-        selector = ConditionalMISelector().fit(episodes, **options)
+        selector = ConditionalMISelector(target=target).fit(episodes, **options)
     assert [str(w.message) for w in caught] == selector.warnings_
     return ' '.join(selector.warnings_)
 
@@ -44,6 +44,33 @@ def test_a_reward_that_makes_up_most_of_the_variance_is_told():
     rewards[3] = -1e4
     episodes[17] = Episode(episodes[17].states, rewards)
     assert '1 reward of -10000 in episode 17 makes up 100% of the variance' in told(episodes)
+
+
+@pytest.mark.parametrize(
+    ('target', 'held', 'kinds', 'is_told'),
+    [
+        ('action', 4, None, True),
+        ('action', 4, 2, True),
+        ('action', 1, None, False),
+        ('action', 1, 2, False),  # Half of the steps repeat the previous action by chance.
+        ('return', 4, None, False),  # The action is given.
+    ],
+)
+def test_commands_of_several_steps_are_told_where_the_action_is_the_target(
+    target, held, kinds, is_told
+):
+    rng = np.random.default_rng(4)
+    draw = rng.normal if kinds is None else lambda size: rng.integers(kinds, size=size)
+    episodes = [
+        Episode(
+            rng.normal(size=(12, 2)),
+            rng.normal(size=12),
+            np.repeat(draw(size=12 // held), held)[:, None],
+        )
+        for _ in range(30)
+    ]
+    said = told(episodes, target=target, action_names=['speed'])
+    assert ('the action often repeats the previous one (speed: in ' in said) == is_told
 
 
 def test_windows_that_overlap_are_told():

@@ -145,12 +145,17 @@ class MissingValues:
             return why
         source = self._sources[name]
         if why == NEVER:
-            if name in self._useful:
-                return NOT_YET
-            topic = source.path.topic
-            return f'no usable message on {topic}' if self._received[topic] else why
+            return NOT_YET if name in self._useful else self._never_usable(source)
         count, first, newest = self._spoken.get(source.path.topic, (0, 0, 0))
         period = (newest - first) / SECOND / (count - 1) if count > 1 else 0.0
         if period > source.max_age:
             return f'its messages come every {period:.3g} s, max_age is {source.max_age:g} s'
         return silent_for(source)
+
+    def _never_usable(self, source: Source) -> str:
+        if not self._received[source.path.topic]:
+            return NEVER
+        # Messages without an entry that braces name are not wrong: they are of other things.
+        if any(field[0] == '{' for field in source.path.fields):
+            return f'no message has a usable value at {source.path}'
+        return f'no usable message on {source.path.topic}'

@@ -399,3 +399,23 @@ def test_no_message_of_whatever_kind_ends_it(messages):
         for step in sampler.add(topic, message, time * MS):
             assert all(map(np.isfinite, step.state))
     sampler.flush()
+
+
+def test_a_misspelt_name_in_an_array_of_messages_is_told():
+    sampler = Sampler(
+        parse_robot_file(
+            'step: {topic: /a}\n'
+            'channels: {a: /a.data, heat: "/d.status{motor}.values{heta}.value"}\n'
+            'reward: a\nepisode: {steps: 3}\n'
+        ),
+        None,
+    )
+    values = [Message(key='heat', value='40')]
+    for second in range(9):
+        sampler.add('/a', Message(data=1.0), second * SECOND)
+        motor = Message(name='motor', values=values)
+        sampler.add('/d', Message(status=[motor]), second * SECOND)
+    sampler.flush()
+    (said,) = sampler.missing.in_words(sampler.missing.counts)
+    assert said == 'heat: no message has a usable value at /d.status{motor}.values{heta}.value'
+    assert not sampler.wrong
