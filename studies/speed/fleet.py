@@ -105,7 +105,7 @@ def cost_on_cluster(bags: list[Path], out: Path, num_workers: int) -> Cost:
     from distributed import Client, LocalCluster
 
     with LocalCluster(
-        n_workers=num_workers, threads_per_worker=1, processes=True, dashboard_address=None
+        n_workers=num_workers, threads_per_worker=1, processes=True, dashboard_address=':0'
     ) as cluster:
         with Relay(cluster.scheduler_address) as relay:
             cost = cost_of(bags, out, '--scheduler', relay.address)
