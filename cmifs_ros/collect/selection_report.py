@@ -9,7 +9,7 @@ from collections.abc import Iterable
 
 from cmifs_ros.core.effect import Effect
 from cmifs_ros.core.selection import Selection, SensorResult
-from cmifs_ros.core.statuses import CONFIRMED, DISPENSABLE, FEWEST_EPISODES, UNDECIDED
+from cmifs_ros.core.statuses import CONFIRMED, DISPENSABLE, FEWEST_EPISODES, UNDECIDED, USUAL_LEVEL
 from cmifs_ros.core.targets import ACTION, DECISION, RETURN, REWARD
 from cmifs_ros.core.words import counted, first, listed, short
 
@@ -18,8 +18,6 @@ PREDICTED = {RETURN: 'return', DECISION: 'reward', ACTION: 'action'}
 #: Line width of printed text.
 LINE_WIDTH = 80
 _PREDICTS = 'predicts '
-#: A p-value up to this would confirm, if no level had been spent on earlier selections.
-_USUAL_LEVEL = 0.05
 
 
 def is_undecided(selection: Selection) -> bool:
@@ -161,7 +159,7 @@ def undecided_because(selection: Selection, sensor: SensorResult) -> str:
         return ''
     if selection.episodes < FEWEST_EPISODES:
         return 'few episodes'
-    if selection.level is not None and selection.level < sensor.pvalue <= _USUAL_LEVEL:
+    if selection.level is not None and selection.level < sensor.pvalue <= USUAL_LEVEL:
         return f'p above {selection.level:.2g}'
     if sensor.together_with:
         others = len(sensor.together_with) - 1

@@ -11,7 +11,7 @@ import numpy as np
 
 from .effect import Effect
 from .search import Sensor
-from .statuses import CONFIRMED, DISPENSABLE, FEWEST_EPISODES, UNDECIDED
+from .statuses import CONFIRMED, DISPENSABLE, FEWEST_EPISODES, UNDECIDED, USUAL_LEVEL
 from .stepwise import Finding
 from .targets import TargetTest
 
@@ -53,9 +53,10 @@ def verdicts(
     """Return a verdict on each finding; the first `num_confirmed` have evidence.
 
     Sensors confirmed before stay confirmed unless they are dispensable now. A sensor is dispensable
-    if it is not confirmed and, with 95 % confidence, adds less than `margin` of the target's
-    variance, and so do its products with other unconfirmed sensors: two may matter only together.
-    With fewer than `FEWEST_EPISODES` episodes none is dispensable.
+    if there is no evidence for it, not even at the usual level, and, with 95 % confidence, it adds
+    less than `margin` of the target's variance, and so do its products with other unconfirmed
+    sensors: two may matter only together. With fewer than `FEWEST_EPISODES` episodes none is
+    dispensable.
     """
     confirmed = list(findings[:num_confirmed])
     given = [c for finding in confirmed for c in finding.channels]
@@ -68,7 +69,8 @@ def verdicts(
     effects = test.effects([sensors[f.sensor] for f in rest], given) if rest else []
     found += [(f, effect, given) for f, effect in zip(rest, effects, strict=True)]
     unconfirmed = {f.sensor: effect for f, effect, _ in found if f.pvalue > significance}
-    small = {sensor for sensor, effect in unconfirmed.items() if effect.upper_bound < margin}
+    without_evidence = {f.sensor for f in findings if f.pvalue > max(significance, USUAL_LEVEL)}
+    small = {s for s, e in unconfirmed.items() if e.upper_bound < margin} & without_evidence
     small = small if num_episodes >= FEWEST_EPISODES else set()
     partners = _partners(test, sensors, list(unconfirmed), given, margin) if small else {}
     dispensable = small - partners.keys()

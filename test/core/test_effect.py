@@ -82,3 +82,12 @@ def test_what_the_selected_predict_is_told_beside_what_all_do():
     selector = effects(returns_of(2, 0.8))[1]
     assert selector.predicted_share_ == pytest.approx(0.64 / 1.64, abs=0.06)
     assert selector.predicted_share_of_all_ <= selector.predicted_share_ + 0.02
+
+
+def test_what_is_confirmed_at_the_usual_level_is_not_dispensable_at_a_stricter_one():
+    data = returns_of(0, 0.3)
+    usual = effects(data, margin=0.9)[1]
+    assert (usual.ranking_[0], usual.num_features_) == (0, 1)
+    stricter = effects(data, margin=0.9, significance=usual.pvalues_[0] / 2)[1]
+    statuses = dict(zip(stricter.ranking_.tolist(), stricter.statuses_, strict=True))
+    assert statuses == {0: 'undecided', 1: 'dispensable', 2: 'dispensable', 3: 'dispensable'}
