@@ -160,7 +160,7 @@ def _cells(cost: Cost) -> list[str]:
 
 
 def _size(num_bytes: int) -> str:
-    return f'{num_bytes / 1e6:.3g} MB'
+    return f'{float(f"{num_bytes / 1e6:.3g}"):g} MB'  # never 1.44e+03
 
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:
