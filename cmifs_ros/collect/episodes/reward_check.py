@@ -13,7 +13,7 @@ from cmifs_ros.core.targets import ACTION
 from cmifs_ros.core.thinning import ThinnedEpisodes
 from cmifs_ros.core.words import counted
 
-#: Returns that differ by less than this share of the greatest are equal up to rounding.
+#: What differs by less than this share of the greatest is equal up to rounding.
 _ROUNDING = 1e-9
 _NO_ACTIONS = (
     "target is 'action', but the episodes have no actions: add `actions` to the robot file, or "
@@ -35,34 +35,42 @@ def problem_of_target(episodes: Sequence[Episode] | ThinnedEpisodes, target: str
         first = episodes.samples if isinstance(episodes, ThinnedEpisodes) else episodes[0]
         return '' if first.actions.size else _NO_ACTIONS
     if isinstance(episodes, ThinnedEpisodes):
-        samples = episodes.samples
-        return _problem_of_rewards(samples.step, samples.rewards, samples.returns, len(episodes))
-    rewards = [episode.rewards for episode in episodes]
-    with np.errstate(over='ignore'):
-        returns = np.concatenate([np.cumsum(of_one[::-1])[::-1] for of_one in rewards])
-    steps = np.concatenate([np.arange(len(of_one)) for of_one in rewards])
-    return _problem_of_rewards(steps, np.concatenate(rewards), returns, len(episodes))
+        rewards, differ = episodes.samples.rewards, _returns_differ(episodes)
+    else:
+        rewards, differ = max(episodes, key=len).rewards, _rewards_differ(episodes)
+    if differ:
+        return ''
+    is_constant = np.ptp(rewards) <= _ROUNDING * np.abs(rewards).max()
+    what = f'every reward is {rewards[0]:g}' if is_constant else 'the rewards repeat exactly'
+    return (
+        f'{what}, in all {counted(len(episodes), "episode")}: no return differs between the '
+        'episodes, so nothing can be selected; define a reward that differs, by `reward` in the '
+        'robot file or in the reward messages'
+    )
 
 
-def _problem_of_rewards(
-    steps: np.ndarray, rewards: np.ndarray, returns: np.ndarray, num_episodes: int
-) -> str:
-    """Return why the return of no step differs between the episodes; empty if one does.
+def _rewards_differ(episodes: Sequence[Episode]) -> bool:
+    """Return whether the return of any step differs between episodes, by a discount below 1.
 
     A constant reward is no problem by itself: if each step costs the same, the return depends on
     how soon the episode ends. The returns are equal only if all episodes have the same rewards
     step by step, and the additional steps of longer episodes have the reward 0.
     """
-    tolerance = _ROUNDING * np.abs(returns).max()
+    longest = max(episodes, key=len).rewards
+    tolerance = _ROUNDING * np.abs(longest).max()
+    for episode in episodes:
+        begin, rest = longest[: len(episode)], longest[len(episode) :]
+        with np.errstate(over='ignore'):
+            differs = np.abs(episode.rewards - begin) > tolerance
+        if differs.any() or (np.abs(rest) > tolerance).any():
+            return True
+    return False
+
+
+def _returns_differ(episodes: ThinnedEpisodes) -> bool:
+    """Return whether the return of any step that is kept differs between episodes."""
+    returns, steps = episodes.samples.returns, episodes.samples.step
     order = np.lexsort((returns, steps))
     with np.errstate(over='ignore', invalid='ignore'):
-        differs = np.diff(returns[order]) > tolerance
-    if (differs & (np.diff(steps[order]) == 0)).any():
-        return ''
-    is_constant = np.ptp(rewards) <= tolerance
-    what = f'every reward is {rewards[0]:g}' if is_constant else 'the rewards repeat exactly'
-    return (
-        f'{what}, in all {counted(num_episodes, "episode")}: no return differs between the '
-        'episodes, so nothing can be selected; define a reward that differs, by `reward` in the '
-        'robot file or in the reward messages'
-    )
+        differs = np.diff(returns[order]) > _ROUNDING * np.abs(returns).max()
+    return bool((differs & (np.diff(steps[order]) == 0)).any())

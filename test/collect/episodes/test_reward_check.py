@@ -34,6 +34,7 @@ def test_rewards_by_which_no_return_differs_are_told_with_a_remedy(rewards, said
     'rewards',
     [
         [[-1] * 3, [-1] * 4],  # how soon it ends is what differs
+        [[0, 0, 1], [0, 1]],  # how soon the goal is reached
         [[0, 0, 0], [0, 0, 1]],
         [[0, 1], [0, 1, 1]],
         [[1e308, 0], [-1e308, 0]],
