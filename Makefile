@@ -50,7 +50,7 @@ ENTER := . $(VENV)/bin/activate && { [ ! -f install/setup.bash ] || . install/se
 # Run colcon with the environment's own Python: another colcon would build for another Python.
 COLCON := python -c 'import sys; from colcon_core.command import main; sys.exit(main())'
 
-.PHONY: help demo test test-installed test-oldest soak robot sorting gravel load saving paper benchmark growth fleet accuracy evidence level targets looks camera constants change oracle learning ablation loop lint \
+.PHONY: help demo test test-installed test-library soak robot sorting gravel load saving paper benchmark growth fleet accuracy evidence level targets looks camera constants change oracle learning ablation loop lint \
 	build docs clean
 
 help:
@@ -86,16 +86,19 @@ help:
 demo: build
 	@$(ENTER) && exec install/cmifs_ros/lib/cmifs_ros/demo --scenario $(SCENARIO)
 
+# The library is tested beside the nodes, which mostly wait.
 test: lint build .venv-oldest/ready
-	@$(MAKE) --no-print-directory -j2 test-installed test-oldest
+	@$(MAKE) --no-print-directory -j2 test-installed test-library
 
 test-installed:
-	$(ENTER) && $(COLCON) test --event-handlers console_direct+ --return-code-on-test-failure
+	$(ENTER) && $(COLCON) test --event-handlers console_direct+ --return-code-on-test-failure \
+		--pytest-args --ignore=test/core --ignore=test/sim
 	$(ENTER) && $(COLCON) test-result --verbose
 
-# core, sim and collect with the oldest supported NumPy and SciPy, without ROS.
-test-oldest:
+# With the oldest supported NumPy and SciPy and nothing else, and with the newest.
+test-library:
 	PYTHONPATH= .venv-oldest/bin/python -m pytest -q test/core test/sim test/collect
+	$(ENTER) && python -m pytest -q test/core test/sim
 
 soak: build
 	@$(ENTER) && exec python -m studies.soak $(SOAK)

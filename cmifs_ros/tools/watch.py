@@ -58,6 +58,15 @@ class Watcher:
         node.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
         node.create_subscription(String, 'selection', self._on_selection, latched)
 
+    @property
+    def is_complete(self) -> bool:
+        """Whether the selector has been heard, and the sampler if there is one."""
+        if not self.snapshot.is_complete or 'sampler' not in self._node.get_node_names():
+            return self.snapshot.is_complete
+        selection = self.snapshot.selection
+        has_topics = selection is None or self._topics.of(selection) is not None
+        return bool(self.snapshot.sampler) and has_topics
+
     def look(self) -> Snapshot:
         """Return what is known now."""
         now = time.monotonic()
@@ -122,7 +131,7 @@ def run(node: Node, console: Console, report: Path | None) -> int:
         while not stopping and now < incomplete_at + _ROUND:
             rclpy.spin_once(node, timeout_sec=_REFRESH_PERIOD)
             now = time.monotonic()
-            if not watcher.snapshot.is_complete and now < begin + _PATIENCE:
+            if not watcher.is_complete and now < begin + _PATIENCE:
                 incomplete_at = now
         if report is not None:
             if stopping:
