@@ -91,8 +91,8 @@ test: lint build .venv-oldest/ready
 	@$(MAKE) --no-print-directory -j2 test-installed test-library
 
 test-installed:
-	$(ENTER) && export PYTEST_ADDOPTS='--ignore=test/core --ignore=test/sim' \
-		&& $(COLCON) test --event-handlers console_direct+ --return-code-on-test-failure
+	$(ENTER) && $(COLCON) test --event-handlers console_direct+ --return-code-on-test-failure \
+		--pytest-args ' --ignore=test/core' ' --ignore=test/sim'
 	$(ENTER) && $(COLCON) test-result --verbose
 
 # With the oldest supported NumPy and SciPy and nothing else, and with the newest.
