@@ -15,7 +15,6 @@ import numpy as np
 from .blas_threads import one_blas_thread
 from .criterion import make_criterion
 from .data_checks import problems_of_data, problems_of_held_actions, problems_of_skill
-from .effect import Effect
 from .episode import Episode, as_episodes
 from .evidence_ranking import EvidenceRanking, rank_by_evidence
 from .fingerprints import fingerprint, first_of_each
@@ -24,11 +23,9 @@ from .samples import Samples, scaled
 from .search import Criterion
 from .sensor_selector import Ranking, SensorSelector
 from .statuses import DISPENSABLE, FEWEST_EPISODES, UNDECIDED
-from .stepwise import Finding
 from .targets import ACTION, DECISION, RETURN, TARGETS, TargetTest
 from .thinning import MAX_STEPS, Plan, ThinnedEpisodes, plan_of, thinned
 from .time_bins import MOST_BINS
-from .verdicts import Verdict
 
 #: Episodes are shifted where signs give no more, so that no p-value depends on a smaller level.
 _LEAST_SHIFTED = 0.05
@@ -275,7 +272,7 @@ class ConditionalMISelector(SensorSelector):
         self.num_duplicates_ = episodes.num_copies
         samples = self._samples(episodes)
         if self.criterion == 'plug_in':
-            self._keep_evidence(EvidenceRanking([], [], np.empty((0, 3)), 0))
+            self._keep_evidence(EvidenceRanking.of_nothing())
             return self._rank_by_score(self._criterion(samples, self._bins), sensors)
         self._warn_of(problems_of_data(episodes, names, ordered=self._ordered))
         varying = np.ptp(samples.states, axis=0) > 0
@@ -286,7 +283,7 @@ class ConditionalMISelector(SensorSelector):
                 f'num_features is {self.num_features}, but only {len(live)} sensors ever change: '
                 f'constant are {", ".join(names[sensors[i][0]] for i in constant)}'
             )
-        found = EvidenceRanking([], [], np.empty((0, 3)), 0)
+        found = EvidenceRanking.of_nothing()
         if live:
             varying_channels = [tuple(c for c in sensors[i] if varying[c]) for i in live]
             test = self._test(samples, names)
@@ -308,17 +305,15 @@ class ConditionalMISelector(SensorSelector):
             self.predicted_share_ = test.predicted_share(selected)
             self.predicted_share_of_all_ = test.predicted_share(np.flatnonzero(varying).tolist())
             self.predicted_share_of_none_ = test.predicted_share([])
-        found = found._replace(
-            findings=[_among_all(f, live) for f in found.findings],
-            verdicts=[
-                v._replace(together_with=tuple(live[i] for i in v.together_with))
-                for v in found.verdicts
-            ],
-        )
+        found = found.renumbered(live)
         if self.num_features is None:
+            # A sensor may change only in steps that are not looked at.
             changes = np.ptp(episodes.ranges, axis=0) > 0
-            rare = [i for i in constant if changes[list(sensors[i])].any()]
-            found = _with_constant(found, constant, rare, len(episodes))
+            never = DISPENSABLE if len(episodes) >= FEWEST_EPISODES else UNDECIDED
+            statuses = {
+                i: UNDECIDED if changes[list(sensors[i])].any() else never for i in constant
+            }
+            found = found.followed_by_constant(statuses)
         self._keep_evidence(found)
         ranking = [f.sensor for f in found.findings]
         return Ranking(ranking, [f.score for f in found.findings], found.num_selected)
@@ -402,27 +397,3 @@ class ConditionalMISelector(SensorSelector):
             random_state=self.random_state,
             n_jobs=self.n_jobs,
         )
-
-
-def _among_all(finding: Finding, live: Sequence[int]) -> Finding:
-    """Return a finding about some of the sensors with their indices among all."""
-    redundant_with = tuple(live[i] for i in finding.redundant_with)
-    return finding._replace(sensor=live[finding.sensor], redundant_with=redundant_with)
-
-
-def _with_constant(
-    found: EvidenceRanking, constant: Sequence[int], rare: Sequence[int], num_episodes: int
-) -> EvidenceRanking:
-    """Return the ranking with the constant sensors at its end, dispensable without a test.
-
-    Those that change in steps that are not looked at are undecided.
-    """
-    never = DISPENSABLE if num_episodes >= FEWEST_EPISODES else UNDECIDED
-    statuses = [UNDECIDED if i in rare else never for i in constant]
-    score = found.findings[found.num_selected - 1].score if found.num_selected else 0.0
-    return EvidenceRanking(
-        found.findings + [Finding(i, (), score) for i in constant],
-        found.verdicts + [Verdict(status, Effect(0.0, 0.0), '') for status in statuses],
-        np.vstack([found.null_scores, np.full((len(constant), 3), score)]),
-        found.num_selected,
-    )

@@ -4,12 +4,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
+from .effect import Effect
 from .samples import Samples
 from .search import Criterion, Sensor, backward_elimination
 from .shadows import null_scores
@@ -40,6 +41,41 @@ class EvidenceRanking(NamedTuple):
     verdicts: list[Verdict]
     null_scores: np.ndarray
     num_selected: int
+
+    @classmethod
+    def of_nothing(cls) -> EvidenceRanking:
+        """Return a ranking of no sensors."""
+        return cls([], [], np.empty((0, 3)), 0)
+
+    def renumbered(self, numbers: Sequence[int]) -> EvidenceRanking:
+        """Return the ranking with sensor i called `numbers[i]`."""
+
+        def of(sensors):
+            return tuple(numbers[i] for i in sensors)
+
+        return self._replace(
+            findings=[
+                f._replace(sensor=numbers[f.sensor], redundant_with=of(f.redundant_with))
+                for f in self.findings
+            ],
+            verdicts=[v._replace(together_with=of(v.together_with)) for v in self.verdicts],
+        )
+
+    def followed_by_constant(self, statuses: Mapping[int, str]) -> EvidenceRanking:
+        """Return the ranking with constant sensors, which add nothing, at its end.
+
+        Parameters
+        ----------
+        statuses : mapping of int to str
+            Their statuses, by their numbers.
+
+        """
+        score = self.findings[self.num_selected - 1].score if self.num_selected else 0.0
+        return self._replace(
+            findings=self.findings + [Finding(i, (), score) for i in statuses],
+            verdicts=self.verdicts + [Verdict(s, Effect(0.0, 0.0), '') for s in statuses.values()],
+            null_scores=np.vstack([self.null_scores, np.full((len(statuses), 3), score)]),
+        )
 
 
 def rank_by_evidence(
