@@ -36,6 +36,8 @@ class FollowingSubscription:
         Messages that may be queued for the callback.
     on_lost : callable, optional
         Called with the number of messages that the middleware reports as lost.
+    on_matched : callable, optional
+        Called when a publisher has come or gone.
 
     Attributes
     ----------
@@ -57,9 +59,10 @@ class FollowingSubscription:
         *,
         depth: int = 1000,
         on_lost: Callable[[int], None] | None = None,
+        on_matched: Callable[[], None] | None = None,
     ):
         self._node, self._message_type, self._topic = node, message_type, topic
-        self._callback, self._on_lost = callback, on_lost
+        self._callback, self._on_lost, self._on_matched = callback, on_lost, on_matched
         self._type_name = f'{message_type.__module__.split(".")[0]}/msg/{message_type.__name__}'
         self._qos = QoSProfile(depth=depth)
         self.publishers: list[str] = []
@@ -81,6 +84,7 @@ class FollowingSubscription:
             self._node.destroy_subscription(self._subscription)
         events = SubscriptionEventCallbacks(
             message_lost=self._on_message_lost,
+            matched=self._on_publishers,
             use_default_callbacks=False,  # They would log what `_follow` resolves.
         )
         self._subscription = self._node.create_subscription(
@@ -90,6 +94,10 @@ class FollowingSubscription:
     def _on_message_lost(self, event) -> None:
         if self._on_lost is not None:
             self._on_lost(event.total_count_change)
+
+    def _on_publishers(self, event) -> None:
+        if self._on_matched is not None:
+            self._on_matched()
 
     def _follow(self) -> None:
         ours, clashes = [], {}

@@ -49,6 +49,8 @@ class SelectorInput:
         Reported in the status.
     on_state : callable
         Called with the header, names and values of each state.
+    on_publishers : callable
+        Called when a publisher of states has come or gone.
     on_episode : callable
         Called with each whole episode.
     on_channels : callable
@@ -70,6 +72,7 @@ class SelectorInput:
         buffer: EpisodeBuffer,
         *,
         on_state: Callable[[Header, list[str], array], None],
+        on_publishers: Callable[[], None],
         on_episode: Callable[[Episode], None],
         on_channels: Callable[[], None],
         on_restart: Callable[[], None],
@@ -90,7 +93,12 @@ class SelectorInput:
         self.apply()
         self._subscriptions = {
             topic: FollowingSubscription(
-                node, JointState, topic, callback, on_lost=partial(self._lost, topic)
+                node,
+                JointState,
+                topic,
+                callback,
+                on_lost=partial(self._lost, topic),
+                on_matched=on_publishers if topic == 'state' else None,
             )
             for topic, callback in (
                 ('state', self._take_state),

@@ -79,6 +79,7 @@ class SelectorNode(Node):
             self._settings,
             self._buffer,
             on_state=self._output.relay_state,
+            on_publishers=self._output.relay.forget_publishers,
             on_episode=self._keep,
             on_channels=self._on_new_channels,
             on_restart=self._restart,

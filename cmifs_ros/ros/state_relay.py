@@ -39,7 +39,6 @@ class StateRelay:
         self._message = JointState()  # Reused: creating one takes as long as publishing it.
         self._filter: StateFilter | None = None
         self._others: set[str] = set()
-        self._num_publishers = 0
         self._is_certain = False
 
     @property
@@ -57,6 +56,10 @@ class StateRelay:
         self._look()
         return min(self._others, default='')
 
+    def forget_publishers(self) -> None:
+        """Look for other publishers again, because one of `state` has come or gone."""
+        self._is_certain = False
+
     def use(self, in_use: SelectionInUse | None) -> None:
         """Apply a selection; None: all channels are selected."""
         self._filter, self._message.header.frame_id = None, ''
@@ -67,9 +70,9 @@ class StateRelay:
 
     def relay(self, header: Header, names: list[str], values: array) -> None:
         """Publish the selected channels of a state."""
-        # A sampler has its publisher of `selected_state` before it publishes a `state`.
-        count = self._node.count_publishers(self._publisher.topic_name)
-        if not self._is_certain or count != self._num_publishers:
+        # A sampler has its publisher of `selected_state` before that of `state`. Not to look at each
+        # state, because that takes longer than all the rest.
+        if not self._is_certain:
             self._look()
         if self._others or len(names) != len(values):
             return
@@ -87,7 +90,6 @@ class StateRelay:
     def _look(self) -> None:
         origins = self._publishers(self._input)
         publishers = self._publishers(self._publisher.topic_name)
-        self._num_publishers = len(publishers)
         others = set(publishers) - {self._node.get_fully_qualified_name()}
         # An unknown node may be the sampler: until it is known, publish nothing twice.
         self._is_certain = bool(origins) and not any(_UNKNOWN in n for n in origins + publishers)
