@@ -70,8 +70,8 @@ class StateRelay:
 
     def relay(self, header: Header, names: list[str], values: array) -> None:
         """Publish the selected channels of a state."""
-        # A sampler has its publisher of `selected_state` before that of `state`. Not to look at each
-        # state, because that takes longer than all the rest.
+        # A sampler has its publisher of `selected_state` before that of `state`, so it is enough to
+        # look when one of `state` comes or goes. To look at each state takes longer than the rest.
         if not self._is_certain:
             self._look()
         if self._others or len(names) != len(values):
