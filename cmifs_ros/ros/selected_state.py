@@ -11,10 +11,9 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
-from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
-from cmifs_ros.collect.episodes.filter import LAYOUTS, layout_of
+from cmifs_ros.collect.episodes.filter import layout_of
 from cmifs_ros.collect.robot_file.model import RobotFile
 from cmifs_ros.collect.sampling.message_reader import event_time
 from cmifs_ros.collect.sampling.newest_values import NewestValues
@@ -22,24 +21,17 @@ from cmifs_ros.collect.selection_fields import count_of, names_of
 from cmifs_ros.core.channel_names import MAX_CHANNELS
 from cmifs_ros.core.words import first, listed
 
-from . import conversions, diagnostics
+from . import conversions, diagnostics, selected_state_publisher
 from .parameters import Spec
-from .qos import LATCHED_QOS, STREAM_QOS
+from .qos import LATCHED_QOS
+from .selected_state_publisher import SelectedStatePublisher
 
 #: Seconds before the log repeats that an intermittent sensor is missing.
 _REPEATED_AFTER = 10.0
 #: Seconds for which a new selection waits at most for channels of which no message is valid.
 _MAX_DELAY = 1.0
-#: Shared with the selector, which relays states without a sampler.
-SELECTED_STATE_PARAMETERS = (
-    Spec('layout', 'selected',
-         'Channels of selected_state: the selected ones, or all in fixed places (full), nan where '
-         'not selected.', choices=LAYOUTS),
-    Spec('pass_through_until_selected', True,
-         'Publish all channels on selected_state until the first selection; false: nothing.'),
-)  # fmt: skip
 PARAMETERS = (
-    *SELECTED_STATE_PARAMETERS,
+    *selected_state_publisher.PARAMETERS,
     Spec('stop_on_missing_channel', False,
          'While a selected channel is missing, publish no selected_state instead of nan for it.'),
 )  # fmt: skip
@@ -71,8 +63,7 @@ class SelectedState:
         self._num_sent = 0
         self._simulated: int | None = None
         self._is_simulated = is_simulated
-        self._message = JointState()  # Reused: creating one takes as long as publishing it.
-        self._publisher = node.create_publisher(JointState, 'selected_state', STREAM_QOS)
+        self._publisher = SelectedStatePublisher(node, settings)
         node.create_subscription(String, 'selection', self._on_selection, LATCHED_QOS)
         self._period = int(conversions.NANOSECONDS / robot.rate) if robot.rate else None
         self._last_tick: int | None = None
@@ -87,8 +78,7 @@ class SelectedState:
         names = self._robot.channel_names
         layout = layout_of(self._settings['layout'], names, self._selected)
         self._newest.select(names if self._selected is None else self._selected, layout)
-        self._message.name = self._newest.names
-        self._message.header.frame_id = '' if self._number is None else str(self._number)
+        self._publisher.use(self._number)
 
     def take(self, topic: str, message, received: int) -> None:
         """Take a message; publish if it is a step.
@@ -125,7 +115,7 @@ class SelectedState:
         values = {
             'messages': self._num_sent,
             'number': '' if self._number is None else self._number,
-            'subscribers': self._publisher.get_subscription_count(),
+            'subscribers': self._publisher.num_subscribers,
         }
         return diagnostics.status(name, level, message, values)
 
@@ -153,11 +143,9 @@ class SelectedState:
         if self._newest.missing and self._settings['stop_on_missing_channel']:
             return
         self._num_sent += 1
-        if self._publisher.get_subscription_count():
-            out = self._message
-            out.header.stamp = conversions.stamp_from_nanoseconds(stamp)
-            out.position = values
-            self._publisher.publish(out)
+        self._publisher.publish(
+            conversions.stamp_from_nanoseconds(stamp), self._newest.names, values
+        )
 
     def _log_missing(self) -> None:
         now, missing, logged = time.monotonic(), self._newest.missing, self._logged_missing

@@ -13,8 +13,8 @@ from cmifs_ros.core.selection import METHODS
 from cmifs_ros.core.targets import RETURN, TARGETS
 from cmifs_ros.core.words import listed
 
+from . import selected_state_publisher
 from .parameters import Spec
-from .selected_state import SELECTED_STATE_PARAMETERS
 
 #: Least selection_period in seconds, unless it is 0.
 LEAST_PERIOD = 0.1
@@ -80,7 +80,7 @@ PARAMETERS = (
     Spec('random_state', 0, 'Seed of the cross-validation.', (0, 2**31 - 1)),
     Spec('worker_threads', 1, 'Processor cores that a selection may use; kdr always uses one.',
          (1, 64)),
-    *SELECTED_STATE_PARAMETERS,
+    *selected_state_publisher.PARAMETERS,
 )  # fmt: skip
 
 #: The parameters that a selection depends on.

@@ -7,12 +7,11 @@ from __future__ import annotations
 from array import array
 
 from rclpy.node import Node
-from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 
 from cmifs_ros.collect.episodes.filter import StateFilter, layout_of
 
-from .qos import STREAM_QOS
+from .selected_state_publisher import SelectedStatePublisher
 from .selection_in_use import SelectionInUse
 
 #: The name of a publishing node that the middleware has not discovered yet.
@@ -34,9 +33,8 @@ class StateRelay:
 
     def __init__(self, node: Node, settings: dict):
         self._node, self._settings = node, settings
-        self._publisher = node.create_publisher(JointState, 'selected_state', STREAM_QOS)
+        self._publisher = SelectedStatePublisher(node, settings)
         self._input = node.resolve_topic_name('state')
-        self._message = JointState()  # Reused: creating one takes as long as publishing it.
         self._filter: StateFilter | None = None
         self._others: set[str] = set()
         self._is_certain = False
@@ -62,11 +60,11 @@ class StateRelay:
 
     def use(self, in_use: SelectionInUse | None) -> None:
         """Apply a selection; None: all channels are selected."""
-        self._filter, self._message.header.frame_id = None, ''
+        self._filter = None
         if in_use is not None:
             names = layout_of(self._settings['layout'], in_use.channel_names, in_use.channels)
             self._filter = StateFilter(in_use.channels, names)
-            self._message.header.frame_id = str(in_use.selection.number)
+        self._publisher.use(None if in_use is None else in_use.selection.number)
 
     def relay(self, header: Header, names: list[str], values: array) -> None:
         """Publish the selected channels of a state."""
@@ -81,11 +79,8 @@ class StateRelay:
             names = self._filter.names
         elif not self._settings['pass_through_until_selected']:
             return
-        # Publishing is most of the work, even without subscribers.
-        if values is not None and self._publisher.get_subscription_count():
-            out = self._message
-            out.header.stamp, out.name, out.position = header.stamp, names, values
-            self._publisher.publish(out)
+        if values is not None:
+            self._publisher.publish(header.stamp, names, values)
 
     def _look(self) -> None:
         origins = self._publishers(self._input)

@@ -345,6 +345,7 @@ def test_bad_parameters_are_refused_with_a_reason(selector, robot):
         ('num_features', -1, 'out of range'),
         ('selection_period', 1e-9, 'selection_period is 1e-09; expected 0 or at least 0.1 s'),
         ('sensor_groups', 'pose', "sensor_groups has 'pose'; expected"),
+        ('control_msgs', True, 'read-only'),
     ):
         result = robot.set_parameter(name, value)
         assert not result.successful

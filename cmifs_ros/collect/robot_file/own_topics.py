@@ -17,9 +17,11 @@ MAX_STAMPS = 1000
 _STATE = 'sensor_msgs/msg/JointState'
 _INDICES = 'std_msgs/msg/Int32MultiArray'
 _REWARD_FIELDS = {*RewardSample._fields, 'action', 'gamma', 'half_life', 'target'}
-#: Last parts of the topics of a selector, and of the node that publishes the reward.
+#: The topics of a selector, and of the node that publishes the reward, without their namespaces.
 _OF_SELECTOR = {
     'selected_state': _STATE,
+    'selected_state/names': 'control_msgs/msg/Keys',
+    'selected_state/values': 'control_msgs/msg/Float64Values',
     'scores': _STATE,
     'selected_indices': _INDICES,
     'selection': 'std_msgs/msg/String',
@@ -67,6 +69,14 @@ class Trace:
         self.names |= set(message.name)
 
     @property
+    def is_of_selector(self) -> bool:
+        """Whether its name and type are those of a selector's topic."""
+        name = f'/{self.topic}'
+        return any(
+            kind == self.kind and name.endswith(f'/{end}') for end, kind in _OF_SELECTOR.items()
+        )
+
+    @property
     def is_reward(self) -> bool:
         """Whether it has the fields of a reward message."""
         if self.is_state and 'reward' in self.names:
@@ -107,7 +117,7 @@ def own_topics(traces: Iterable[Trace]) -> dict[str, str]:
     for trace in traces:
         if trace.topic in own:
             continue
-        if _OF_SELECTOR.get(trace.last) == trace.kind or trace.label == 'channel':
+        if trace.is_of_selector or trace.label == 'channel':
             own[trace.topic] = 'published by a selector'
         elif trace.is_state and trace.names and trace.names <= channels | stems:
             own[trace.topic] = f'it has the channel names of {states[0].topic}'

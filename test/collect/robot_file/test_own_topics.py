@@ -59,6 +59,15 @@ def test_a_reward_of_any_type_is_no_sensor_and_what_is_beside_belongs_to_it():
     assert set(own) == {'/r/reward', '/r/state'}
 
 
+def test_names_and_values_apart_are_those_of_a_selector_or_of_a_robot():
+    kinds = {'names': 'control_msgs/msg/Keys', 'values': 'control_msgs/msg/Float64Values'}
+    own, others = (
+        [Trace(f'{space}/{name}', kind) for name, kind in kinds.items()]
+        for space in ('/robot1/selected_state', '/state_interfaces_broadcaster')
+    )
+    assert set(own_topics(own + others)) == {trace.topic for trace in own}
+
+
 def test_joints_without_velocities_are_sensors():
     arm, leg = Trace('/arm', JOINTS), Trace('/leg', JOINTS)
     for stamp in range(100):
