@@ -261,12 +261,12 @@ class _Given:
         """
         channels = list(dict.fromkeys(c for candidate in candidates for c in candidate))
         spaces = self.regression.tuned(self._states[:, channels])
-        bases = {space: self.regression.basis(space) for space in set(spaces)}
-        left = {
-            c: residual(self._states[:, [c]], bases[space])
-            for c, space in zip(channels, spaces, strict=True)
-        }
-        own = [np.hstack([left[c] for c in candidate]) for candidate in candidates]
+        left = np.empty_like(self._states)
+        for space in set(spaces):
+            of_space = [c for c, s in zip(channels, spaces, strict=True) if s == space]
+            basis = self.regression.basis(space)
+            left[:, of_space] = residual(self._states[:, of_space], basis)
+        own = [left[:, list(candidate)] for candidate in candidates]
         return [o[:, o.var(axis=0) >= least] for o in own]
 
     def functions(self, own: np.ndarray) -> list[np.ndarray]:
@@ -288,8 +288,9 @@ class _Given:
         ]
 
     def _gaussians(self, points):
-        distances = squared_distances(points, points[self._functions])
-        return np.exp(distances / (-2 * points.shape[1]))
+        exponents = squared_distances(points, points[self._functions])
+        exponents /= -2 * points.shape[1]
+        return np.exp(exponents, out=exponents)
 
 
 def _principal(own: np.ndarray) -> np.ndarray:

@@ -220,8 +220,10 @@ def corrected_residual(left: np.ndarray, basis: np.ndarray, starts: np.ndarray) 
 
 def squared_distances(points: np.ndarray, centers: np.ndarray) -> np.ndarray:
     """Return those of points (N, d) to centers (B, d): shape (N, B)."""
-    squares = (points**2).sum(axis=1)[:, None] + (centers**2).sum(axis=1)
-    return np.maximum(squares - 2 * points @ centers.T, 0)
+    distances = points @ (-2 * centers.T)
+    distances += (points**2).sum(axis=1)[:, None]
+    distances += (centers**2).sum(axis=1)
+    return np.maximum(distances, 0, out=distances)
 
 
 def _spectrum(covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -114,10 +114,13 @@ class Products:
         )
 
     def _by_shifts(self, whitened: Sequence[_Whitened], columns: Sequence[int]) -> float:
+        families = [
+            w.functions @ w.axes - self._basis @ (w.coefficients @ w.axes) for w in whitened
+        ]
         pvalues = []
-        for w in whitened:
-            functions = w.functions @ w.axes - self._basis @ (w.coefficients @ w.axes)
-            for column in columns:
-                drawn = (self._errors[:, column][self._shifts] @ functions) ** 2
-                pvalues.append(resampled_pvalue(w.statistics[column], drawn.sum(axis=1)))
+        for column in columns:
+            shifted = self._errors[:, column][self._shifts]
+            for w, functions in zip(whitened, families, strict=True):
+                drawn = ((shifted @ functions) ** 2).sum(axis=1)
+                pvalues.append(resampled_pvalue(w.statistics[column], drawn))
         return combined_pvalue(pvalues)

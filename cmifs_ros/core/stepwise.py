@@ -12,8 +12,12 @@ import numpy as np
 from .chance import combined_pvalue
 from .search import Criterion, Sensor
 
-#: Number of sensors without evidence that are listed given each other.
+#: Number of sensors without evidence that are listed given each other, and of the likeliest among
+#: which each is looked for: all would take most of the time where there are hundreds.
 _MAX_LISTED = 8
+_MAX_LIKELY = 50
+#: Of these, the likeliest that are compared by their scores.
+_MAX_SCORED = 10
 #: Number of channels of which all pairs are tried if no single one has evidence.
 _MAX_PAIRED = 24
 #: Evidence is strong if the p-value is at most this share of the level.
@@ -102,8 +106,11 @@ class StepwiseSelection:
         rest by their scores.
         """
         added = list(chosen)
+        pvalues = self._evidence(self._left(chosen), chosen)[0]
+        likeliest = set(sorted(pvalues, key=pvalues.__getitem__)[:_MAX_LIKELY])
         while len(added) < len(chosen) + _MAX_LISTED:
-            likely = self._candidates(self._left(added), added, _LEAST_LIKELY)
+            left = [i for i in self._left(added) if i in likeliest]
+            likely = self._candidates(left, added, _LEAST_LIKELY, _MAX_SCORED)
             if not likely:
                 break
             added.append(likely[0])
@@ -131,16 +138,26 @@ class StepwiseSelection:
         return len(self._sensors) - len(taken)
 
     def _candidates(
-        self, sensors: Sequence[int], taken: Sequence[Finding], level: float = 1.0
+        self,
+        sensors: Sequence[int],
+        taken: Sequence[Finding],
+        level: float = 1.0,
+        most: int | None = None,
     ) -> list[Finding]:
         """Return the best unit of each sensor, best score first.
 
-        Only for those whose uncorrected p-value is at most `level`, because scores are expensive.
+        Only for those whose uncorrected p-value is at most `level`, and for so many of the
+        likeliest, because scores are expensive.
         """
         given = self._given(taken)
         of_sensor, of_units = self._evidence(sensors, taken)
+        likeliest = set(sorted(of_sensor, key=of_sensor.__getitem__)[:most])
         # If the p-value of a sensor is small enough, that of one of its units is even smaller.
-        units = [(i, u) for (i, u), p in of_units.items() if max(p, of_sensor[i]) <= level]
+        units = [
+            (i, u)
+            for (i, u), p in of_units.items()
+            if i in likeliest and max(p, of_sensor[i]) <= level
+        ]
         scores = self._criterion([[*given, *unit] for _, unit in units])
         best: dict[int, Finding] = {}
         for (i, unit), score in zip(units, scores, strict=True):

@@ -52,3 +52,21 @@ def test_the_best_scored_is_first_of_those_with_evidence_as_strong():
     assert order == [1, 0, 2]  # 2 scores better but may be redundant; 3 has no evidence
     order = [sensor for sensor, _ in found(single, strong | {2: 1e-5}, scores=scores)]
     assert order == [2, 1, 0]
+
+
+def test_what_listing_costs_grows_with_the_sensors_and_not_with_how_many_are_listed():
+    tested, scored = [], []
+
+    def pvalues_of(candidates, given):
+        tested.extend(candidates)
+        return np.array([0.1 + 0.001 * c for (c,) in candidates])
+
+    def criterion(subsets):
+        scored.extend(subsets)
+        return np.zeros(len(subsets))
+
+    sensors = [(c,) for c in range(400)]
+    listed = StepwiseSelection(criterion, pvalues_of, sensors, significance=0.05).listed([])
+    assert sorted(f.sensor for f in listed) == list(range(400))
+    # Twice all of them, and eight times the likeliest.
+    assert len(tested) <= 2 * 400 + 8 * 50 and len(scored) <= 400 + 8 * 10
