@@ -121,7 +121,11 @@ def exit_code(program: str, run: Callable[[], None], what_then: str = 'nothing i
     _on_signals(interrupt)
     try:
         run()
-    except CommandError as error:
+    except (CommandError, BrokenPipeError) as error:
+        if BrokenPipeError in (type(error), type(error.__cause__)):
+            # Whoever read the output has ended, such as `head`. Python would flush to it once more.
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            return 128 + signal.SIGPIPE
         print(f'{program}: {error}', file=sys.stderr)
         return 1
     except (BrokenProcessPool, KeyboardInterrupt):

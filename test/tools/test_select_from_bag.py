@@ -405,6 +405,20 @@ def test_an_interruption_is_one_sentence(tmp_path, robot):
     assert 'Traceback' not in rest
 
 
+def test_a_reader_that_stops_reading_such_as_head_ends_it_in_silence(tmp_path, robot):
+    write_bag(tmp_path / 'bag', 2001)
+    process = subprocess.Popen(
+        [sys.executable, '-u', '-m', 'cmifs_ros.tools.select_from_bag', str(tmp_path / 'bag'),
+         '--robot', robot],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=dict(os.environ),
+    )  # fmt: skip
+    process.stdout.readline()
+    process.stdout.close()
+    assert process.wait(60) == 128 + signal.SIGPIPE
+    assert process.stderr.read() == ''
+    process.stderr.close()
+
+
 def test_a_robot_file_is_made_that_lacks_only_the_reward(tmp_path, capsys):
     write_bag(tmp_path / 'bag', 42)
     assert make_robot_file(['--bag', str(tmp_path / 'bag')]) == 0
