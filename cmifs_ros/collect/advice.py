@@ -6,8 +6,9 @@ from __future__ import annotations
 
 import math
 import textwrap
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from statistics import NormalDist
 from typing import Any
 
@@ -17,7 +18,14 @@ from cmifs_ros.core.statuses import CONFIRMED, DISPENSABLE, FEWEST_EPISODES, UND
 from cmifs_ros.core.targets import ACTION, DECISION, RETURN
 from cmifs_ros.core.words import counted, first, listed, short
 
-from .selection_report import LINE_WIDTH, interval, share
+from .selection_report import (
+    FEW_EPISODES,
+    LINE_WIDTH,
+    WIDE_INTERVAL,
+    interval,
+    share,
+    undecided_because,
+)
 from .sensor_topics import rate_fields
 from .traffic import Rate, rate_in_words
 
@@ -123,7 +131,8 @@ def advice_of(
         else:
             more = _most([_more_episodes(s, selection) for s in found])
             open_ones = [sensor for sensor in sensors if sensor.status != DISPENSABLE]
-            undecided.append(Item(name, _added(name, open_ones, _range), rate, more))
+            notes = _added(name, open_ones, _range, partial(_doubt, selection))
+            undecided.append(Item(name, notes, rate, more))
     lists = tuple(keep), tuple(can_go), tuple(undecided)
     return Advice(_SCOPES[selection.target], *lists, _hints(selection))
 
@@ -145,14 +154,23 @@ def _hints(selection: Selection) -> tuple[str, ...]:
     return ()
 
 
-def _added(name: str, sensors: Sequence[SensorResult], said) -> tuple[str, ...]:
+def _added(
+    name: str,
+    sensors: Sequence[SensorResult],
+    said: Callable[[Effect], str],
+    remark: Callable[[SensorResult], str] = lambda sensor: '',
+) -> tuple[str, ...]:
     """Return what sensors add, each with its name unless it is the item itself."""
-    if [sensor.name for sensor in sensors] == [name]:
-        return (said(sensors[0].effect),) if sensors[0].effect is not None else ()
-    names = [
-        short(s.name) if s.effect is None else f'{short(s.name)} {said(s.effect)}' for s in sensors
-    ]
-    return (first(names) or 'not tested',)
+    texts = {s.name: (said(s.effect) if s.effect is not None else '') + remark(s) for s in sensors}
+    if list(texts) == [name]:
+        return (texts[name].strip(),) if texts[name] else ()
+    return (first([f'{short(s)} {text}'.rstrip() for s, text in texts.items()]) or 'not tested',)
+
+
+def _doubt(selection: Selection, sensor: SensorResult) -> str:
+    """Return why a sensor is undecided, in parentheses, unless its range says so."""
+    because = undecided_because(selection, sensor)
+    return '' if because in ('', FEW_EPISODES, WIDE_INTERVAL) else f' ({because})'
 
 
 def _estimate(effect: Effect) -> str:

@@ -17,6 +17,8 @@ from cmifs_ros.core.words import counted, first, listed, short
 PREDICTED = {RETURN: 'return', DECISION: 'reward', ACTION: 'action'}
 #: Line width of printed text.
 LINE_WIDTH = 80
+#: Why a sensor is undecided, where nothing but the number of episodes is the reason.
+FEW_EPISODES, WIDE_INTERVAL = 'few episodes', 'wide interval'
 _PREDICTS = 'predicts '
 
 
@@ -158,14 +160,14 @@ def undecided_because(selection: Selection, sensor: SensorResult) -> str:
     if sensor.status != UNDECIDED:
         return ''
     if selection.episodes < FEWEST_EPISODES:
-        return 'few episodes'
+        return FEW_EPISODES
     if selection.level is not None and selection.level < sensor.pvalue <= USUAL_LEVEL:
         return f'p above {selection.level:.2g}'
     if sensor.together_with:
         others = len(sensor.together_with) - 1
         more = f' and {others} more' if others else ''
         return f'may matter with {short(sensor.together_with[0])}{more}'
-    return 'wide interval'
+    return WIDE_INTERVAL
 
 
 def predicted_by(selection: Selection, sensor: SensorResult) -> str | None:

@@ -113,14 +113,14 @@ class SamplerStatus:
             shown = '; '.join(f'{count} lack {what}' for what, count in causes)
             level = diagnostics.WARN
             message = f'of the last {counted(moments, "step")}, {shown}; this breaks episodes'
+        elif not moments and not problems:
+            level, message = diagnostics.STALE, 'no step is due'
         elif sampler.away:
             message = f'no steps to learn from without {listed(sorted(sampler.away))}'
         elif problem := sampler.ends.problem():
             level, message = diagnostics.WARN, problem
         elif problems:
             level, message = diagnostics.WARN, f'topics with problems: {listed(sorted(problems))}'
-        elif not moments:
-            level, message = diagnostics.STALE, 'no step is due'
         elif now['between'] - past['between'] == moments:
             message = 'between episodes: the end condition of the last one still holds'
         values = {

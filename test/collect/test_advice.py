@@ -153,6 +153,18 @@ def test_what_is_undecided_is_said_by_its_interval():
     assert any(line.startswith('  scan: adds 4.1% to 15.9%') for line in lines)
 
 
+def test_why_is_said_of_what_is_undecided_below_the_margin():
+    small = Effect(-0.015, 0.01)  # At most 0.5 %.
+    battery = replace(BATTERY, pvalue=1.0, effect=small, together_with=('yaw', 'x'))
+    gyro = replace(BATTERY, name='gyro', channels=('gyro',), pvalue=0.03, effect=small)
+    found = selection(X, battery, gyro, level=0.004)
+    said = 'may add up to 0.5% (may matter with yaw and 1 more)'
+    assert f'  battery: {said}' in advice_lines(advice_of(found))
+    lines = advice_lines(advice_of(found, {'battery': '/power', 'gyro': '/imu', 'x': '/x'}))
+    assert f'  /power: battery {said}' in lines
+    assert '  /imu: gyro may add up to 0.5% (p above 0.004)' in lines
+
+
 def test_where_much_is_undecided_another_target_is_named():
     batteries = [replace(BATTERY, name=f'b{i}', channels=(f'b{i}',)) for i in range(3)]
     assert '--target decision' in ' '.join(advice_lines(advice_of(selection(X, *batteries))))

@@ -5,6 +5,8 @@
 from types import SimpleNamespace as Message
 
 import pytest
+from diagnostic_msgs.msg import DiagnosticStatus
+from selections import selection, sensor
 
 from cmifs_ros.collect.robot_file import parse_robot_file
 from cmifs_ros.collect.sampling.sampler import SECOND, Sampler
@@ -17,6 +19,37 @@ channels: {a: /a.data, %s}
 reward: a
 episode: {steps: 10}
 """
+
+
+SAVING = ROBOT % 'b: /b.data' + 'saving: {after: 1, explore_every: 9, explore_episodes: 1}\n'
+
+
+@pytest.mark.parametrize(('file', 'is_off'), [(ROBOT % 'b: /b.data', False), (SAVING, True)])
+def test_a_robot_that_stands_still_is_stale_also_while_topics_are_switched_off(
+    monkeypatch, file, is_off
+):
+    now = [0.0]
+    monkeypatch.setattr(sampler_status.time, 'monotonic', lambda: now[0])
+    robot = parse_robot_file(file)
+    sampler = Sampler(robot)
+    sampler.saving.select(
+        selection(
+            sensor('a', is_selected=True, pvalue=0.01, status='confirmed'),
+            sensor('b', pvalue=0.9, status='dispensable'),
+            number=1,
+        )
+    )
+    status = SamplerStatus('sampler', sampler, dict.fromkeys(robot.topics, 1.0))
+    levels = []
+    for second in range(60):
+        now[0] = float(second)
+        for topic in '/a', '/b':
+            if second < 40 and topic not in sampler.saving.off:
+                sampler.add(topic, Message(data=float(second)), second * SECOND)
+        levels.append(status.statuses({})[0].level)
+    assert (sampler.saving.off == {'/b'}) == is_off
+    assert set(levels[5:40]) == {DiagnosticStatus.OK}
+    assert set(levels[52:]) == {DiagnosticStatus.STALE}
 
 
 @pytest.mark.parametrize(('silent', 'num_lines'), [('bcd', 3), ('bcdef', 1)])

@@ -92,7 +92,9 @@ class Saving:
         if len(self._can_go) < cycle.after:
             stood = f'{len(self._can_go)} of {cycle.after}'
             return f'all topics are on{why}: same selection {stood} times'
-        if not self._agreed():
+        if not (agreed := self._agreed()):
             return f'all topics are on{why}: none can go'
+        if count >= cycle.explore_episodes:
+            return f'all topics are on{why}; off after this episode: {listed(sorted(agreed))}'
         whole = f'{count} of {counted(cycle.explore_episodes, "complete episode")}'
         return f'all topics are on{why}: {whole}'

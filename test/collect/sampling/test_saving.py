@@ -125,6 +125,17 @@ def test_the_cycle_in_words():
     ]
 
 
+def test_what_goes_after_the_episode_is_named():
+    saving = Saving(ROBOT)
+    for _ in range(9):
+        saving.end_episode(is_whole=True)
+    for number in (1, 2):
+        saving.select(selected(number, {'imu', 'scan'}, 'x'))
+    assert saving.in_words() == 'all topics are on; off after this episode: /imu, /scan'
+    saving.end_episode(is_whole=True)
+    assert saving.in_words() == 'switched off: /imu, /scan; on again after 4 episodes'
+
+
 def test_a_channel_that_is_selected_keeps_its_topic_though_it_is_dispensable():
     saving = Saving(ROBOT)
     for number in (1, 2):
