@@ -29,11 +29,11 @@ from cmifs_ros.collect.sampling.bag_reader import (
 )
 from cmifs_ros.collect.sampling.event_order import SECOND
 from cmifs_ros.collect.sampling.message_reader import event_time
+from cmifs_ros.collect.simulated_time import CLOCK, CLOCK_TYPE, SimulatedTime
 from cmifs_ros.collect.traffic import Traffic
 
 __all__ = ['BagError', 'episodes_of_bag', 'open_bag']
 
-CLOCK = '/clock'
 JOINT_STATE = 'sensor_msgs/msg/JointState'
 
 
@@ -82,24 +82,25 @@ def episodes_of_bag(
             if problems := problems_of_paths(robot, types, reader.types.fields_of):
                 raise BagError('\n'.join([f'{path} does not fit the robot file:', *problems]))
         clock = reader.topics.get(CLOCK)
-        has_clock = clock is not None and clock.msgtype == 'rosgraph_msgs/msg/Clock'
+        has_clock = clock is not None and clock.msgtype == CLOCK_TYPE
         read = {*topics, CLOCK} if has_clock else set(topics)
         total = sum(c.msgcount for c in reader.connections if c.topic in read)
-        count, now = 0, 0
+        count, simulated = 0, SimulatedTime()
         for topic, message, recorded in watch(messages_of(reader, path, read), total):
             if has_clock and topic == CLOCK and not isinstance(message, Undecoded):
-                now = message.clock.sec * SECOND + message.clock.nanosec
-                collector.set_clock(now)
+                simulated.take(message)
+                collector.set_clock(simulated.now)
             if topic in topics:
                 count += 1
                 if isinstance(message, Undecoded):
                     collector.note_wrong(topic, message.cause)
                 else:
-                    collector.add(topic, message, now if has_clock else recorded)
+                    collector.add(topic, message, simulated.now if has_clock else recorded)
         traffic = Traffic(
-            reader.duration / SECOND,
+            simulated.seconds if has_clock else reader.duration / SECOND,
             {name: reader.num_messages[topic] for topic, name in topics.items()},
             {name: reader.num_bytes[topic] for topic, name in topics.items()},
+            is_simulated=has_clock,
         )
     found = collector.recorded(count, traffic, reader.unreadable)
     actual = {name: topic for topic, name in topics.items()}

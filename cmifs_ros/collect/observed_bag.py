@@ -11,6 +11,7 @@ from pathlib import Path
 from .robot_file.observed_fields import MAX_LOOKS, ObservedTopic
 from .robot_file.template import is_of_robot, robot_file_of_topics
 from .sampling.bag_reader import OpenBag, Undecoded, messages_of, open_bag, unwatched
+from .simulated_time import CLOCK, CLOCK_TYPE, SimulatedTime
 
 #: Of messages up to this size, each that differs from the previous one is read: a bumper is hit
 #: rarely.
@@ -46,15 +47,22 @@ def robot_file_of_bag(
             )
             for topic, info in reader.topics.items()
         }
-        topics = {topic for topic in heard if is_of_robot(topic)}
+        simulated = SimulatedTime()
+        clock = {CLOCK} if CLOCK in heard and heard[CLOCK].kind == CLOCK_TYPE else set()
+        topics = clock.union(topic for topic in heard if is_of_robot(topic))
         total = sum(heard[topic].count for topic in topics)
         messages = messages_of(reader, path, topics, _Choice(heard))
         for topic, message, _ in watch(messages, total):
-            if not isinstance(message, Undecoded):
+            if topic in clock and not isinstance(message, Undecoded):
+                simulated.take(message)
+            elif not isinstance(message, Undecoded):
                 heard[topic].look(message)
             elif message.cause:
                 heard[topic].problem = f': {message.cause}'
-        return robot_file_of_topics(Path(path).name, heard.values())
+        if simulated.seconds:
+            for one in heard.values():
+                one.seconds = simulated.seconds
+        return robot_file_of_topics(Path(path).name, heard.values(), simulated.seconds > 0)
 
 
 class _Choice:

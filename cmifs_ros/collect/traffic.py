@@ -19,11 +19,16 @@ class Rate(NamedTuple):
 
 @dataclass(frozen=True)
 class Traffic:
-    """Numbers of messages and bytes by topic, and the duration they were counted in."""
+    """Numbers of messages and bytes by topic, and the duration they were counted in.
+
+    If it is simulated, the duration is that of /clock: the robot's own, however fast the simulation
+    ran.
+    """
 
     seconds: float = 0.0
     messages: Mapping[str, int] = field(default_factory=dict)
     bytes: Mapping[str, int] = field(default_factory=dict)
+    is_simulated: bool = False
 
 
 def rates_of(recordings: Sequence[Traffic]) -> dict[str, Rate]:
@@ -67,10 +72,13 @@ class TrafficMeter:
         """Note the size of a topic's newest message in bytes."""
         self._sizes[topic] = size
 
-    def pass_time(self, seconds: float, cpu_seconds: float, off: Collection[str]) -> None:
-        """Add the time since the last call, in which these topics were off."""
-        cpu, total = self._cpu.get(bool(off), (0.0, 0.0))
-        self._cpu[bool(off)] = cpu + cpu_seconds, total + seconds
+    def use_cpu(self, cpu_seconds: float, seconds: float, is_saving: bool) -> None:
+        """Add CPU time used in some seconds, while any topic was off, or while none was."""
+        cpu, total = self._cpu.get(is_saving, (0.0, 0.0))
+        self._cpu[is_saving] = cpu + cpu_seconds, total + seconds
+
+    def pass_time(self, seconds: float, off: Collection[str]) -> None:
+        """Add the robot's time since the last call, in which these topics were off."""
         for topic in self._messages.keys() - set(off):
             self._seconds[topic] = self._seconds.get(topic, 0.0) + seconds
         for topic in off:

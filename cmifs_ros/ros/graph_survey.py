@@ -18,6 +18,7 @@ from rosidl_parser.definition import (
 
 from cmifs_ros.collect.robot_file.observed_fields import BYTES, ObservedTopic, TypeField
 from cmifs_ros.collect.robot_file.template import is_of_robot
+from cmifs_ros.collect.simulated_time import CLOCK, CLOCK_TYPE, SimulatedTime
 
 from . import conversions
 from .following_subscription import FollowingSubscription
@@ -49,7 +50,7 @@ def _what(slot) -> str:
     return f'{element}[]' if '/' in element else ''
 
 
-def survey(seconds: float) -> tuple[list[ObservedTopic], list[str]]:
+def survey(seconds: float) -> tuple[list[ObservedTopic], list[str], bool]:
     """Listen to all topics for a while.
 
     Parameters
@@ -61,6 +62,8 @@ def survey(seconds: float) -> tuple[list[ObservedTopic], list[str]]:
     heard : list of ObservedTopic
     unknown : list of str
         Messages that name the topics whose types are not installed.
+    is_simulated : bool
+        Whether a simulation publishes its time.
 
     """
     context = rclpy.Context()
@@ -74,7 +77,8 @@ def survey(seconds: float) -> tuple[list[ObservedTopic], list[str]]:
         while time.monotonic() < end:
             listener.look()
             executor.spin_once(0.1)
-        return listener.heard(), sorted(listener.unknown.values())
+        is_simulated = listener.time.seconds > 0
+        return listener.heard(), sorted(listener.unknown.values()), is_simulated
     finally:
         node.destroy_node()
         rclpy.shutdown(context=context)
@@ -84,7 +88,8 @@ class _Listener:
     def __init__(self, node: Node):
         self._node = node
         self._heard: dict[str, ObservedTopic] = {}
-        self._since: dict[str, float] = {}
+        self._since: dict[str, tuple[float, float]] = {}
+        self.time = SimulatedTime()
         self.unknown: dict[str, str] = {}
 
     def look(self) -> None:
@@ -100,7 +105,9 @@ class _Listener:
                 self.unknown[topic] = f'{topic}: its type {kinds[0]} is not installed here'
                 continue
             self._heard[topic] = ObservedTopic(topic, kinds[0], fields_of)
-            self._since[topic] = time.monotonic()
+            self._since[topic] = time.monotonic(), self.time.seconds
+            if topic == CLOCK and kinds[0] == CLOCK_TYPE:
+                FollowingSubscription(self._node, message_type, topic, self.time.take)
             if is_of_robot(topic):
                 FollowingSubscription(
                     self._node, message_type, topic, lambda m, topic=topic: self._hear(topic, m)
@@ -111,7 +118,8 @@ class _Listener:
         self._heard[topic].look(message)
 
     def heard(self) -> list[ObservedTopic]:
-        now = time.monotonic()
+        now = time.monotonic(), self.time.seconds
+        is_simulated = self.time.seconds > 0
         for topic, heard in self._heard.items():
-            heard.seconds = now - self._since[topic]
+            heard.seconds = now[is_simulated] - self._since[topic][is_simulated]
         return list(self._heard.values())

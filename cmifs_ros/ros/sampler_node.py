@@ -20,6 +20,7 @@ from cmifs_ros.collect.robot_file import load_robot_file
 from cmifs_ros.collect.robot_file.model import STATUS
 from cmifs_ros.collect.sampling.sampler import Sampler
 from cmifs_ros.collect.sampling.step import Step
+from cmifs_ros.collect.simulated_time import CLOCK, SimulatedTime
 from cmifs_ros.core.targets import TARGETS
 from cmifs_ros.core.words import listed
 
@@ -76,7 +77,8 @@ class SamplerNode(Node):
         is_simulated = self.get_parameter('use_sim_time').value
         # Before `state`: the selector relays states only of nodes without `selected_state`.
         self._selected_state = SelectedState(self, self._robot, settings, is_simulated)
-        self._traffic = TopicTraffic(self, self._robot)
+        self._simulated = SimulatedTime() if is_simulated else None
+        self._traffic = TopicTraffic(self, self._robot, self._simulated)
         self._saving: TopicSaving | None = None
         if self._robot.saving:
             self._saving = TopicSaving(self, self._sampler.saving, self._traffic.meter)
@@ -96,11 +98,10 @@ class SamplerNode(Node):
         self._subscriptions_by_topic: dict[str, FollowingSubscription] = {}
         self._problems: dict[str, str] = {}
         self._refused: set[str] = set()
-        self._simulated: int | None = None
         if is_simulated:
             # rclpy's own clock knows only the newest time: to a node that lags, all queued messages
             # would seem to arrive at once. Here /clock is queued with them, as in a bag.
-            FollowingSubscription(self, ClockTime, '/clock', self._on_clock)
+            FollowingSubscription(self, ClockTime, CLOCK, self._on_clock)
         # Steady time: a paused simulation must not stop them.
         clock = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(0.2, self._discover, clock=clock)
@@ -159,16 +160,17 @@ class SamplerNode(Node):
         self._problems.pop(topic, None)
 
     def _on_clock(self, message: ClockTime) -> None:
-        self._simulated = conversions.stamp_to_nanoseconds(message.clock)
-        self._selected_state.set_clock(self._simulated)
-        self._publish(self._sampler.set_clock(self._simulated))
+        self._simulated.take(message)
+        self._selected_state.set_clock(self._simulated.now)
+        self._publish(self._sampler.set_clock(self._simulated.now))
 
     def _take(self, topic: str, message) -> None:
         self._status.heard(topic)
         try:
             # The source timestamp is unknown: the EventsExecutor of rclpy 7.1.6 fails on callbacks
             # that ask for the message's info.
-            received = self._simulated or self.get_clock().now().nanoseconds
+            simulated = self._simulated.now if self._simulated is not None else 0
+            received = simulated or self.get_clock().now().nanoseconds
             self._selected_state.take(topic, message, received)
             self._traffic.take(topic, message)
             steps = self._sampler.add(topic, message, received)

@@ -15,6 +15,7 @@ from std_msgs.msg import String
 from cmifs_ros.collect.robot_file.model import RobotFile
 from cmifs_ros.collect.robot_file.own_topics import is_own_entry
 from cmifs_ros.collect.sensor_topics import SensorTopics, topic_fields
+from cmifs_ros.collect.simulated_time import SimulatedTime
 from cmifs_ros.collect.traffic import TrafficMeter
 
 from .qos import LATCHED_QOS
@@ -27,6 +28,8 @@ class TopicTraffic:
     ----------
     node : rclpy.node.Node
     robot : RobotFile
+    simulated : SimulatedTime, optional
+        The robot's time, if it is simulated.
 
     Attributes
     ----------
@@ -34,11 +37,11 @@ class TopicTraffic:
 
     """
 
-    def __init__(self, node: Node, robot: RobotFile):
-        self._node, self._robot = node, robot
+    def __init__(self, node: Node, robot: RobotFile, simulated: SimulatedTime | None = None):
+        self._node, self._robot, self._simulated = node, robot, simulated
         self.meter = TrafficMeter()
         self._weighed: set[str] = set()  # Topics since the last report.
-        self._looked_at = time.monotonic(), time.process_time()
+        self._looked_at = self._times()
         self._told = ''
         self._publisher = node.create_publisher(String, 'channel_topics', LATCHED_QOS)
         self._publish()
@@ -61,12 +64,21 @@ class TopicTraffic:
 
     def report(self, off: frozenset[str]) -> None:
         """Publish the rates, once a second, given the topics that are switched off."""
-        now = time.monotonic(), time.process_time()
-        seconds, cpu_seconds = (at - then for at, then in zip(now, self._looked_at, strict=True))
+        now = self._times()
+        of_robot, seconds, cpu_seconds = (
+            at - then for at, then in zip(now, self._looked_at, strict=True)
+        )
         self._looked_at = now
-        self.meter.pass_time(seconds, cpu_seconds, off)
+        self.meter.use_cpu(cpu_seconds, seconds, bool(off))
+        self.meter.pass_time(of_robot, off)
         self._weighed.clear()
         self._publish()
+
+    def _times(self) -> tuple[float, float, float]:
+        """Return the robot's time, the elapsed time and the CPU time in seconds."""
+        elapsed = time.monotonic()
+        of_robot = elapsed if self._simulated is None else self._simulated.seconds
+        return of_robot, elapsed, time.process_time()
 
     def _publish(self) -> None:
         name = self._node.resolve_topic_name

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from cmifs_ros.collect.recorded_episodes import RecordingError
 from cmifs_ros.collect.recording import robot_file_of_recording
-from cmifs_ros.collect.robot_file.template import robot_file_of_topics
+from cmifs_ros.collect.robot_file.template import USE_SIM_TIME, robot_file_of_topics
 
 from .arguments import home_path, new_file, number_from
 from .bags import bag_opener
@@ -65,8 +65,13 @@ def _run(options: argparse.Namespace) -> None:
         then = f'{select} {options.bag} --robot {options.out}'
     elif has_ros2:
         then = f'ros2 launch cmifs_ros robot.launch.xml robot_file:={options.out}'
+        then += ' use_sim_time:=true' if USE_SIM_TIME in text else ''
     else:
-        then = f'{run}sampler_node --ros-args -p robot_file:={options.out}, and {run}selector_node'
+        time = ' -p use_sim_time:=true' if USE_SIM_TIME in text else ''
+        then = (
+            f'{run}sampler_node --ros-args -p robot_file:={options.out}{time}, and '
+            f'{run}selector_node' + (f' --ros-args{time}' if time else '')
+        )
     print(f'written: {options.out}; complete what is marked TODO, then run: {then}')
 
 
@@ -83,13 +88,13 @@ def _listen(seconds: int) -> str:
     from cmifs_ros.ros.graph_survey import survey
 
     print(f'listening for {seconds} s ...', file=sys.stderr, flush=True)
-    heard, unknown = survey(seconds)
+    heard, unknown, is_simulated = survey(seconds)
     if not any(one.count for one in heard):
         raise CommandError(
             f'no message was heard in {seconds} s; is the robot running, with the same '
             'ROS_DOMAIN_ID? --seconds listens longer; BAG reads a recording'
         )
-    text = robot_file_of_topics('the running robot', heard)
+    text = robot_file_of_topics('the running robot', heard, is_simulated)
     return text + ''.join(f'# {line}\n' for line in unknown)
 
 

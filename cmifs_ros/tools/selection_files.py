@@ -19,6 +19,7 @@ from cmifs_ros.collect.robot_file import RobotFile
 from cmifs_ros.collect.selection_fields import fields_of
 from cmifs_ros.collect.selection_report import nothing_selected
 from cmifs_ros.collect.sensor_topics import SensorTopics
+from cmifs_ros.collect.simulated_time import CLOCK
 from cmifs_ros.collect.traffic import rates_of
 from cmifs_ros.core.selection import Selection
 from cmifs_ros.core.thinning import ThinnedEpisodes
@@ -76,7 +77,7 @@ def write_files(
         written.append(options.episodes_file)
     if options.topics:
         options.topics.parent.mkdir(parents=True, exist_ok=True)
-        options.topics.write_text(_record_arguments(advice, robot) + '\n')
+        options.topics.write_text(_record_arguments(advice, robot, data.facts) + '\n')
         written.append(options.topics)
     if options.report:
         page = write_report(
@@ -102,9 +103,10 @@ def _topics(facts: list[RecordedEpisodes], robot: RobotFile | None) -> SensorTop
     return SensorTopics(robot.channel_topics, rates, robot.topics_for(()))
 
 
-def _record_arguments(advice: Advice, robot: RobotFile) -> str:
+def _record_arguments(advice: Advice, robot: RobotFile, facts: list[RecordedEpisodes]) -> str:
     """Return arguments of `ros2 bag record` for all topics except those that can go."""
     gone = {item.name for item in advice.can_go}
     topics = [topic for topic in robot.topics if topic not in gone]
+    topics += [CLOCK] if any(one.traffic.is_simulated for one in facts) else []
     hidden = ['--include-hidden-topics'] if any('/_' in topic for topic in topics) else []
     return ' '.join([*hidden, '--topics', *topics])

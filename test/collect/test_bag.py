@@ -10,7 +10,9 @@ from bags import STORE
 from rosbags.rosbag2 import StoragePlugin, Writer
 
 from cmifs_ros.collect.bag import BagError, episodes_of_bag
+from cmifs_ros.collect.observed_bag import robot_file_of_bag
 from cmifs_ros.collect.robot_file.reader import parse_robot_file
+from cmifs_ros.collect.traffic import rates_of
 
 SECOND = 10**9
 POINT, CLOCK = 'geometry_msgs/msg/PointStamped', 'rosgraph_msgs/msg/Clock'
@@ -58,6 +60,33 @@ def test_a_simulation_that_is_reset_after_each_episode(tmp_path, seconds, has_cl
     bag = episodes_of_bag(write(tmp_path / 'bag', messages), RESET)
     assert [e.states[:, 0].tolist() for e in bag.episodes] == [list(range(count - 1))] * 5
     assert not bag.dropped
+
+
+SLOW_RATE = parse_robot_file(
+    'step: {rate: 10.0}\nchannels: {speed: /speed.point.x,'
+    ' heat: {path: /heat.point.x, max_age: 9.0}}\nreward: speed\nepisode: {steps: 20}\n'
+)
+
+
+@pytest.mark.parametrize('factor', [0.1, 1, 10])
+def test_rates_are_those_of_the_robot_however_fast_its_simulation_runs(tmp_path, factor):
+    messages, wall = [], 1_700_000_000 * SECOND
+    for _ in range(2):  # The simulation is reset once.
+        for k in range(601):
+            wall += int(SECOND / 10 / factor)
+            stamp = 5 * SECOND + k * SECOND // 10
+            messages.append((wall, '/clock', STORE.types[CLOCK](time_of(stamp))))
+            messages.append((wall + 1000, '/speed', point(stamp, k)))
+            if k % 20 == 0:
+                messages.append((wall + 500, '/heat', point(stamp, k)))
+    path = write(tmp_path / 'bag', messages)
+    rates = rates_of([episodes_of_bag(path, SLOW_RATE).traffic])
+    assert rates['/speed'].messages == pytest.approx(10, rel=0.02)
+    assert rates['/heat'].messages == pytest.approx(0.5, rel=0.05)
+    text = robot_file_of_bag(path)
+    assert '# Seen: 0.52 Hz (/heat) to 10 Hz (/speed).' in text
+    assert 'heat_x: {path: "/heat.point.x", max_age: 6.0}' in text
+    assert 'use_sim_time' in text
 
 
 SLOW = parse_robot_file(

@@ -2,6 +2,7 @@
 
 """make_robot_file: from the running robot it writes what it writes from that robot's bag."""
 
+import itertools
 import os
 import re
 import subprocess
@@ -16,6 +17,8 @@ from ament_index_python.packages import get_package_prefix
 from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Odometry
 from rclpy.qos import QoSProfile, ReliabilityPolicy, qos_profile_action_status_default
+from rclpy.time import Time
+from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Image, JointState, LaserScan
 from std_msgs.msg import Bool, Float32, String
 
@@ -47,11 +50,16 @@ def command(domain, *options):
 
 def test_the_running_robot_gives_what_its_bag_gives(robot, domain, tmp_path):
     topics = {topic: (type(message), qos) for topic, (message, qos) in MESSAGES.items()}
+    topics['/clock'] = Clock, 10
     recorder = Recorder(robot.node, tmp_path / 'bag', topics)
     for topic, (message, qos) in MESSAGES.items():
         publisher = robot.node.create_publisher(type(message), topic, qos)
         robot.node.create_timer(0.1, lambda p=publisher, m=message: p.publish(m))
-    robot.until(lambda: recorder.num_messages > 20 * len(MESSAGES))
+    clock, simulated = robot.node.create_publisher(Clock, '/clock', 10), itertools.count(0, 10**7)
+    robot.node.create_timer(  # Ten times slower than real time.
+        0.1, lambda: clock.publish(Clock(clock=Time(nanoseconds=next(simulated)).to_msg()))
+    )
+    robot.until(lambda: recorder.num_messages > 20 * len(topics))
     process = command(domain, '--seconds', '4')
     robot.until(lambda: process.poll() is not None)
     recorder.close()
@@ -66,6 +74,9 @@ def test_the_running_robot_gives_what_its_bag_gives(robot, domain, tmp_path):
     assert [line for line in live[1:] if not line.startswith(rates)] == [
         line for line in bag[1:] if not line.startswith(rates)
     ]
+    assert 'use_sim_time:=true' in '\n'.join(live)
+    (fastest,) = re.findall(r'(?m)^# Seen: .* ([\d.]+) Hz \(\S+\)\.$', '\n'.join(live))
+    assert 50 < float(fastest) < 200  # 100 Hz by /clock, less than 11 Hz in real time
     text = re.sub('(?m)^  # ', '  ', '\n'.join(live))  # Nothing of this robot ever changes.
     made = parse_robot_file(f'{text}\nreward: "1"\n')
     assert {source.path.topic for source in made.sources} == {

@@ -104,18 +104,21 @@ def test_a_reward_that_is_always_the_same_is_told(tmp_path, capsys):
     assert 'every reward is 2, in all 10 episodes: no return differs' in capsys.readouterr().err
 
 
-def test_what_is_worth_recording_is_written_as_arguments(tmp_path, robot):
+@pytest.mark.parametrize('is_simulated', [False, True])
+def test_what_is_worth_recording_is_written_as_arguments(tmp_path, robot, is_simulated):
     write_bag(tmp_path / 'bag', 300)
+    bag = with_clock(tmp_path / 'bag') if is_simulated else tmp_path / 'bag'
     file = tmp_path / 'robot.yaml'
     # A sensor that is a worse copy of the pay's cause, and one that says nothing, on own topics.
     file.write_text(ROBOT.replace('channels:', 'channels:\n  ray: "/scan.ranges[0:2]"'))
     topics = tmp_path / 'new' / 'topics'
     options = ['--robot', str(file), '--out', str(tmp_path), '--topics', str(topics)]
-    assert main([str(tmp_path / 'bag'), *options]) == 0
+    assert main([str(bag), *options]) == 0
     selection = json.loads((tmp_path / 'selection.json').read_text())
     status = {sensor['name']: sensor['status'] for sensor in selection['sensors']}
     assert (status['x'], status['ray']) == ('confirmed', 'dispensable')
     expected = {'/pose', '/pay'} | ({'/noise'} if status['noise'] != 'dispensable' else set())
+    expected |= {'/clock'} if is_simulated else set()
     mark, *named = topics.read_text().split()
     assert (mark, set(named)) == ('--topics', expected)
 
@@ -270,6 +273,24 @@ def test_a_field_that_a_message_lacks_is_named(tmp_path):
     robot = parse_robot_file(ROBOT.replace('{path: /noise.data}', fields))
     with pytest.raises(BagError, match=r"wind: /noise has no field 'wind'; expected one of data"):
         episodes_of_bag(tmp_path / 'bag', robot)
+
+
+def with_clock(path):
+    """Write a bag anew, with the time of recording as /clock, and return its path."""
+    again, kind = path.with_name('simulated'), 'rosgraph_msgs/msg/Clock'
+    with open_bag(path) as reader, Writer(
+        again, version=9, storage_plugin=StoragePlugin.MCAP
+    ) as writer:  # fmt: skip
+        topics = {
+            c.topic: writer.add_connection(c.topic, c.msgtype, typestore=reader.types.store)
+            for c in reader.connections
+        }
+        clock = writer.add_connection('/clock', kind, typestore=STORE)
+        for connection, time, data in reader.messages(reader.topics):
+            stamp = STORE.types['builtin_interfaces/msg/Time'](*divmod(time, 10**9))
+            writer.write(clock, time, STORE.serialize_cdr(STORE.types[kind](stamp), kind))
+            writer.write(topics[connection.topic], time, data)
+    return again
 
 
 def changed(path, change):

@@ -36,10 +36,14 @@ _KINDS = re.compile(r'(image|points|cloud)(_\w+)?|compressed(Depth)?')
 _COMMAND = re.compile(r'(.*_)?(cmd|commands?|setpoints?)(_.*)?|goal(_pose)?')
 #: Rates of steps to propose, in Hz, and by how much one may exceed a measured rate.
 _RATES, _SLACK = (10.0, 5.0, 2.0, 1.0, 0.5, 0.2, 0.1), 1.2
+#: Says what nodes and recorders need for a simulated robot.
+USE_SIM_TIME = '# Time is simulated: start the nodes with use_sim_time:=true; record /clock, too.'
 _OF_ROS = ('/rosout', '/parameter_events', '/clock')
 
 
-def robot_file_of_topics(title: str, heard: Iterable[ObservedTopic]) -> str:
+def robot_file_of_topics(
+    title: str, heard: Iterable[ObservedTopic], is_simulated: bool = False
+) -> str:
     """Return the text of a robot file with all channels of some topics.
 
     Parameters
@@ -47,6 +51,8 @@ def robot_file_of_topics(title: str, heard: Iterable[ObservedTopic]) -> str:
     title : str
         Where they were observed.
     heard : iterable of ObservedTopic
+    is_simulated : bool, optional
+        Whether their time is that of /clock.
 
     Raises
     ------
@@ -89,7 +95,8 @@ def robot_file_of_topics(title: str, heard: Iterable[ObservedTopic]) -> str:
     ros_actions = [one.topic.removesuffix(STATUS) for one in heard if one.topic.endswith(STATUS)]
     lines += [f'# {what}' for what in without]
     rates = {one.topic: one.rate for one, _ in found if one.rate}
-    return _text(title, lines, commands, ros_actions, rates)
+    steps = ([USE_SIM_TIME] if is_simulated else []) + _steps(rates)
+    return _text(title, lines, commands, ros_actions, steps)
 
 
 def _channel(name: str, field: ObservedField, heard: ObservedTopic, age: str) -> str:
@@ -194,7 +201,7 @@ def _text(
     channels: list[str],
     commands: list[str],
     ros_actions: list[str],
-    rates: Mapping[str, float],
+    steps: list[str],
 ) -> str:
     lines = [
         f'# Written by make_robot_file from {json.dumps(title)[1:-1]}.',
@@ -203,7 +210,7 @@ def _text(
         '# was the robot at its task?',
         '',
         '# TODO: steps per second, or a step at each message of a topic: {topic: /odom}.',
-        *_steps(rates),
+        *steps,
         '',
         'channels:',
         *channels,
