@@ -339,11 +339,12 @@ class ConditionalMISelector(SensorSelector):
             ordered=self._ordered,
             n_jobs=self.n_jobs,
         )
-        if self.target == ACTION:
-            self._warn_of(problems_of_held_actions(samples, action_names))
-        if num_actions and self.target == RETURN:
-            acting = TargetTest(samples, ACTION, names, action_names, self.gamma)
-            self._warn_of(problems_of_skill(acting.predicted_shares, samples.states.shape[1]))
+        check = {RETURN: problems_of_skill, ACTION: problems_of_held_actions}.get(self.target)
+        if num_actions and check is not None:
+            acting = samples.with_previous_actions()
+            shown = [*names, *(f'previous {name}' for name in action_names)]
+            shares = TargetTest(acting, ACTION, shown, action_names, self.gamma).predicted_shares
+            self._warn_of(check(shares, samples.states.shape[1], num_actions))
         return test
 
     def _warn_of(self, problems: Sequence[str]) -> None:

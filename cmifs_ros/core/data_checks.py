@@ -9,7 +9,6 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from .drift import share_of_drift
-from .samples import Samples
 from .thinning import ThinnedEpisodes
 from .words import counted, first, listed, short
 
@@ -26,8 +25,8 @@ _MUCH_OVERLAP = 0.05
 _MUCH_BETWEEN, _SOME_BETWEEN = 0.9, 0.2
 #: Warn if the channels predict at least this share of the action's variance.
 _MUCH_PREDICTED = 0.5
-#: Warn if at least this share of the actions repeat the previous one: commands of two steps.
-_MUCH_REPEATED = 0.5
+#: Warn if the previous action predicts at least this share: as with commands that last two steps.
+_MUCH_REPEATED = 0.25
 #: Most channels that predict an action together, chosen from so many that predict it best alone.
 _MAX_PREDICTORS, _MAX_COMPARED = 3, 5
 #: Returns the share of each action's variance that channels predict.
@@ -74,25 +73,31 @@ def problems_of_data(
     return problems
 
 
-def problems_of_skill(predicted_shares: Shares, num_channels: int) -> list[str]:
+def problems_of_skill(predicted_shares: Shares, num_channels: int, num_actions: int) -> list[str]:
     """Return which actions a few channels predict so well that the return shows little.
+
+    Only what they predict beyond the previous action counts: a gyro or wheel speeds show that,
+    however the robot is controlled.
 
     Parameters
     ----------
     predicted_shares : callable
-        Returns the share of each action's variance that channels predict, by name.
+        Returns the share of each action's variance that channels predict, by name. The previous
+        action follows the channels of the state.
     num_channels : int
+        Number of channels of the state.
+    num_actions : int
 
     """
-    alone = [predicted_shares([channel]) for channel in range(num_channels)]
-    best = {
-        action: _best_share(predicted_shares, action, [of_one[action] for of_one in alone])
-        for action in predicted_shares([])
-    }
-    skilled = {action: share for action, share in best.items() if share >= _MUCH_PREDICTED}
-    if not skilled:
+    _, beyond = _beyond_previous(predicted_shares, num_channels, num_actions)
+    best = _best_shares(beyond, num_channels)
+    said = [
+        f'{short(action)}: {share:.0%} of its variance given the previous action'
+        for action, share in best.items()
+        if share >= _MUCH_PREDICTED
+    ]
+    if not said:
         return []
-    said = [f'{short(action)}: {share:.0%} of its variance' for action, share in skilled.items()]
     return [
         f'the action follows from the sensors ({first(said)}): if a controller always acts alike, '
         "the return cannot show what it needs its sensors for; target 'action' finds which ones it "
@@ -100,28 +105,59 @@ def problems_of_skill(predicted_shares: Shares, num_channels: int) -> list[str]:
     ]
 
 
-def problems_of_held_actions(samples: Samples, action_names: Sequence[str]) -> list[str]:
-    """Return which actions mostly repeat the previous one, beyond what chance explains.
+def problems_of_held_actions(
+    predicted_shares: Shares, num_channels: int, num_actions: int
+) -> list[str]:
+    """Return which actions follow from the previous one rather than from the sensors.
 
-    The share of repetitions is corrected for chance as in Cohen's kappa.
+    Parameters
+    ----------
+    predicted_shares, num_channels, num_actions
+        As in `problems_of_skill`.
+
     """
-    follows = (np.diff(samples.owner) == 0) & (np.diff(samples.step) == 1)
-    if not follows.any():
+    known, beyond = _beyond_previous(predicted_shares, num_channels, num_actions)
+    if all(share < _MUCH_REPEATED for share in known.values()):
         return []
-    said = []
-    for name, values in zip(action_names, samples.actions.T, strict=True):
-        repeated = (np.diff(values) == 0)[follows].mean()
-        shares = np.unique(values, return_counts=True)[1] / len(values)
-        chance = shares @ shares
-        if chance < 1 and (repeated - chance) / (1 - chance) >= _MUCH_REPEATED:
-            said.append(f'{short(name)}: in {repeated:.0%} of the steps')
+    best = _best_shares(beyond, num_channels)
+    said = [
+        f'{short(action)}: {share:.0%} of its variance'
+        for action, share in known.items()
+        if share >= _MUCH_REPEATED and best[action] < _MUCH_PREDICTED
+    ]
     if not said:
         return []
     return [
-        f'the action often repeats the previous one ({first(said)}): sensors that show the '
-        'previous action, such as wheel speeds, then predict it whether or not the controller uses '
-        'them; make steps about as long as a command'
+        f'the action follows from the previous one ({first(said)}): sensors that show the '
+        'previous action, such as wheel speeds or a gyro, then predict it whether or not the '
+        'controller uses them; make steps about as long as a command'
     ]
+
+
+def _beyond_previous(
+    predicted_shares: Shares, num_channels: int, num_actions: int
+) -> tuple[dict[str, float], Shares]:
+    """Return the share of each action that the previous one predicts, and a function.
+
+    It returns which share of the rest channels predict.
+    """
+    previous = list(range(num_channels, num_channels + num_actions))
+    known = predicted_shares(previous)
+
+    def beyond(channels: list[int]) -> dict[str, float]:
+        shares = predicted_shares([*channels, *previous])
+        return {a: (s - known[a]) / max(1 - known[a], 1e-6) for a, s in shares.items()}
+
+    return known, beyond
+
+
+def _best_shares(shares: Shares, num_channels: int) -> dict[str, float]:
+    """Return the share of each action that its best few channels predict."""
+    alone = [shares([channel]) for channel in range(num_channels)]
+    return {
+        action: _best_share(shares, action, [of_one[action] for of_one in alone])
+        for action in alone[0]
+    }
 
 
 def _best_share(predicted_shares: Shares, action: str, alone: Sequence[float]) -> float:

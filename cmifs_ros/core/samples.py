@@ -63,6 +63,27 @@ class Samples:
         """Return the samples with further channels (N, k) appended."""
         return replace(self, states=np.hstack([self.states, columns]))
 
+    def with_previous_actions(self) -> Samples:
+        """Return the samples with the previous action as further channels.
+
+        Rows without the row of their previous step are left out. At a first step, the channels have
+        their mean.
+        """
+        after = 1 + np.flatnonzero((np.diff(self.owner) == 0) & (np.diff(self.step) == 1))
+        previous = np.tile(self.actions.mean(axis=0), (len(self.actions), 1))
+        previous[after] = self.actions[after - 1]
+        rows = np.union1d(after, np.flatnonzero(self.step == 0))
+        return Samples(
+            self.returns[rows],
+            np.hstack([self.states, previous])[rows],
+            self.owner[rows],
+            self.step[rows],
+            self.rewards[rows],
+            self.actions[rows],
+            self.sources,
+            self.lengths,
+        )
+
     def without_actions(self) -> Samples:
         """Return the samples without the actions."""
         return replace(self, actions=self.actions[:, :0])

@@ -87,13 +87,12 @@ class TargetTest:
             actions = dict(zip(action_names, samples.actions.T, strict=True))
             self._tests = [ConditionalTest(samples.without_actions(), actions, **options)]
         else:
+            self._tests = [ConditionalTest(samples, {REWARD: samples.rewards}, **options)]
             before, after = samples.transitions()
-            self._samples.append(before)
-            predicted = {f'predicts {n}': of_n for n, of_n in zip(names, after.T, strict=True)}
-            self._tests = [
-                ConditionalTest(samples, {REWARD: samples.rewards}, **options),
-                ConditionalTest(before, predicted, of_given=True, **options),
-            ]
+            if len(after):  # Episodes of a single step have no next one.
+                self._samples.append(before)
+                predicted = {f'predicts {n}': of_n for n, of_n in zip(names, after.T, strict=True)}
+                self._tests.append(ConditionalTest(before, predicted, of_given=True, **options))
 
     def __call__(self, candidates: Sequence[Sequence[int]], given: Sequence[int]) -> np.ndarray:
         """Return the p-value of each candidate set of channels given others: shape (C,).

@@ -55,7 +55,17 @@ def test_of_several_actions_the_one_that_follows_from_the_sensors_is_named():
     episodes = [Episode(s, r, a) for s, r, a in zip(states, drive, actions, strict=True)]
     with pytest.warns(UserWarning, match='follows from the sensors'):
         selector = ConditionalMISelector().fit(episodes, action_names=['drive', 'turn', 'lift'])
-    assert re.search(r'sensors \(drive: 9\d% of its variance\)', ' '.join(selector.warnings_))
+    assert re.search(r'sensors \(drive: 9\d% of its variance given', ' '.join(selector.warnings_))
+
+
+@pytest.mark.parametrize('target', ['return', 'decision'])
+def test_episodes_of_a_single_step_are_enough(target):
+    rng = np.random.default_rng(0)
+    states, actions = rng.normal(size=(80, 1, 3)), rng.normal(size=(80, 1, 1))
+    rewards = states[..., 0] * actions[..., 0] + 0.1 * rng.normal(size=(80, 1))
+    episodes = [Episode(s, r, a) for s, r, a in zip(states, rewards, actions, strict=True)]
+    selector = ConditionalMISelector(target=target).fit(episodes, ['bet', 'rain', 'noise'])
+    assert list(selector.get_feature_names_out()) == ['bet']
 
 
 def test_why_says_for_what_a_sensor_is_needed():
