@@ -16,9 +16,10 @@ from .pairing import EpisodeAssembler
 
 #: Seconds without a message after which a topic counts as silent.
 SILENCE = 5.0
-#: Seconds for which a drop is reported, and between two log lines about drops.
+#: Seconds for which a drop is reported.
 _MEMORY = 20.0
-_LOG_PERIOD = 10.0
+#: Seconds between two log lines about drops: at first and at most. They double while drops go on.
+_LOG_PERIOD, _MAX_LOG_PERIOD = 10.0, 1280.0
 #: Causes that follow from other drops; reported only if no other cause is.
 _CONSEQUENCES = (
     'lost_end', 'step_gap', 'lost_state', 'joined_midway',
@@ -79,7 +80,7 @@ class InputWatch:
         self._is_unmatched = False
         self._logged_kind = ''
         self._logged_drops: Counter[str] = Counter()
-        self._logged_at = -math.inf
+        self._logged_at, self._log_period = -math.inf, _LOG_PERIOD
         self._said_cut = self._said_repeated = self._said_partly_acting = False
 
     def look(
@@ -178,9 +179,14 @@ class InputWatch:
         return self._assembler.last_drops[causes[0]] if causes else ''
 
     def _new_drops(self, now: float, counts: Counter) -> list[str]:
-        new = counts - self._logged_drops
-        if not new or now < self._logged_at + _LOG_PERIOD:
+        new, quiet = counts - self._logged_drops, now - self._logged_at
+        has_new_cause = not new.keys() <= self._logged_drops.keys()
+        if not new or quiet < (_LOG_PERIOD if has_new_cause else self._log_period):
             return []
+        is_going_on = quiet < 2 * self._log_period and not has_new_cause
+        self._log_period = (
+            min(2 * self._log_period, _MAX_LOG_PERIOD) if is_going_on else _LOG_PERIOD
+        )
         self._logged_at, self._logged_drops = now, counts
         numbers = ', '.join(f'{number} {cause}' for cause, number in new.items())
         lines = [f'dropped {numbers}: {self._words(new)}']

@@ -53,3 +53,23 @@ def test_while_topics_are_switched_off_silence_is_no_problem():
     assert found('/imu') == ('OK', 'no episodes to learn from while /imu is switched off')
     assert found('/imu', '/scan')[1].endswith('while /imu, /scan are switched off')
     assert found('/imu', publishers=()) == ('STALE', 'no state for 60 s; nobody publishes it')
+
+
+def test_drops_that_go_on_are_logged_ever_more_rarely_and_new_causes_soon():
+    assembler = EpisodeAssembler(max_episode_steps=3)
+    watch, logged = InputWatch(assembler, EpisodeBuffer()), []
+    topics = dict.fromkeys(('state', 'reward'), Topic(0.0))
+    for second in range(20_000):
+        if second < 10_000:
+            assembler.drop_message('not_finite', 'x is nan')
+        if second in (5000, 19_000):
+            assembler.drop_message('wrong_length' if second == 5000 else 'not_finite', 'an error')
+        logged += [(second, line) for line in watch.look(float(second), topics)]
+    times = [second for second, _ in logged]
+    assert times[:6] == [0, 10, 30, 70, 150, 310]
+    assert 5000 <= next(t for t, line in logged if 'wrong_length' in line) <= 5010
+    assert len([t for t in times if t < 10_100]) < 20
+    assert times[-1] == 19_000  # After a quiet time, at once.
+    # Nothing is left out of the numbers.
+    total = sum(int(line.split(' not_finite')[0].split()[-1]) for _, line in logged)
+    assert total == 10_001
