@@ -91,17 +91,14 @@ def problems_of_skill(predicted_shares: Shares, num_channels: int, num_actions: 
     """
     _, beyond = _beyond_previous(predicted_shares, num_channels, num_actions)
     best = _best_shares(beyond, num_channels)
-    said = [
-        f'{short(action)}: {share:.0%} of its variance given the previous action'
-        for action, share in best.items()
-        if share >= _MUCH_PREDICTED
-    ]
+    skilled = {action: share for action, share in best.items() if share >= _MUCH_PREDICTED}
+    said = [f'{share:.0%} of {short(action)}' for action, share in skilled.items()]
     if not said:
         return []
     return [
-        f'the action follows from the sensors ({first(said)}): if a controller always acts alike, '
-        "the return cannot show what it needs its sensors for; target 'action' finds which ones it "
-        'uses'
+        f'the action follows from the sensors (given the previous one, they predict {first(said)})'
+        ': if a controller always acts alike, the return cannot show what it needs its sensors '
+        "for; target 'action' finds which ones it uses"
     ]
 
 

@@ -76,7 +76,7 @@ def test_commands_of_several_steps_are_told_where_the_action_is_the_target(
 @pytest.mark.parametrize(
     ('is_skilled', 'target', 'said'),
     [
-        (True, 'return', 'turn: 100% of its variance given the previous action'),
+        (True, 'return', 'they predict 100% of turn'),
         (False, 'return', ''),  # The gyro shows the previous action, however it was chosen.
         (True, 'action', ''),
         (False, 'action', 'the action follows from the previous one (turn: '),

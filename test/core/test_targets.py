@@ -55,7 +55,7 @@ def test_of_several_actions_the_one_that_follows_from_the_sensors_is_named():
     episodes = [Episode(s, r, a) for s, r, a in zip(states, drive, actions, strict=True)]
     with pytest.warns(UserWarning, match='follows from the sensors'):
         selector = ConditionalMISelector().fit(episodes, action_names=['drive', 'turn', 'lift'])
-    assert re.search(r'sensors \(drive: 9\d% of its variance given', ' '.join(selector.warnings_))
+    assert re.search(r'they predict 9\d% of drive\)', ' '.join(selector.warnings_))
 
 
 @pytest.mark.parametrize('target', ['return', 'decision'])
