@@ -9,7 +9,7 @@ import numpy as np
 from cmifs_ros.core import Episode
 from cmifs_ros.core.selection import Selection
 
-#: A channel has shifted if its mean moved by more than this many standard deviations,
+#: A channel has shifted if its mean moved by more than this many spreads of the selection,
 MAX_SHIFT = 1.0
 #: or if its spread around the old mean grew by more than this factor.
 MAX_SPREAD = 2.0
@@ -18,8 +18,9 @@ MAX_SPREAD = 2.0
 class Drift:
     """Compare the newest episodes with those of a selection, channel by channel.
 
-    New episodes are averaged with exponentially decaying weights, so a sudden change is detected no
-    matter how many episodes came before it.
+    What drifts steadily, such as a battery that drains, has a large spread: it has shifted only if
+    it went further than in the data of the selection. New episodes are averaged with exponentially
+    decaying weights, so a sudden change is detected no matter how many episodes came before it.
 
     Parameters
     ----------

@@ -48,3 +48,15 @@ def test_what_moved_or_spread_is_named_however_long_it_was_quiet(selection, chan
 def test_nothing_is_said_of_a_few_episodes_or_of_other_channels(selection):
     assert changed(selection, episodes(19, offset=(9.0, 9.0, 9.0))) == []
     assert changed(selection, [Episode(np.full((5, 2), 99.0), np.zeros(5))] * 50) == []
+
+
+@pytest.mark.parametrize('kind', ['line', 'walk'])
+def test_what_drifts_as_it_did_is_no_change_but_a_jump_is(kind):
+    rng = np.random.default_rng(3)
+    level = -np.arange(160) / 100 if kind == 'line' else np.cumsum(rng.normal(size=160))
+    states = np.stack([np.tile(level[:, None], 10), rng.normal(size=(160, 10))], axis=2)
+    drive = [Episode(s, s[:, 1]) for s in states]
+    chosen = select(drive[:100], ('level', 'b'), 'conditional_mi', {'num_features': 1})
+    assert changed(chosen, drive[100:]) == []
+    jump = 5 * np.ptp(level[:100]) * np.array([1.0, 0.0])
+    assert changed(chosen, [Episode(s + jump, s[:, 1]) for s in states[100:]]) == [0]
