@@ -6,12 +6,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from .drift import cosines
+from .drift import cosines, independent_episodes
 from .kernel_regression import extended
 from .samples import Samples, standardized
 
 _NUM_FOLDS = 5
 _MAX_SHIFTS = 300
+#: From fewer blocks of episodes no error can be estimated.
+_FEWEST_BLOCKS = 5
 #: Cosines of the step in every regression. The step is all that an irrelevant sensor and the return
 #: have in common, so its effect on either may have any smooth shape.
 _NUM_STEP_COSINES = 6
@@ -75,6 +77,18 @@ class EpisodeRows:
     def means(self, values: np.ndarray) -> np.ndarray:
         """Return the mean of values (N, k) in each episode: shape (M, k)."""
         return np.add.reduceat(values, self.starts) / self.lengths[:, None]
+
+    def starts_of_blocks(self, values: np.ndarray) -> np.ndarray:
+        """Return the first row of each block of episodes that resemble each other in values (N,).
+
+        Blocks are so many neighbouring episodes as count as one; where the order means nothing, and
+        where neighbours do not resemble each other, a block is an episode.
+        """
+        count = len(self.starts)
+        if not self.is_ordered:
+            return self.starts
+        size = int(np.ceil(count / independent_episodes(self.means(values[:, None])[:, 0])))
+        return self.starts[:: min(size, max(count // _FEWEST_BLOCKS, 1))]
 
     def differences(self, values: np.ndarray, discount: float) -> np.ndarray:
         """Return values (N, k) less the discounted ones of the next row; none follows the last."""

@@ -162,12 +162,11 @@ class ConditionalTest:
         columns, context = self._columns(given), self._given(given)
         targets = standardized(self._targets[:, columns])
         spaces = context.regression.tuned(targets) if columns else []
-        estimators = {
-            self._names[c]: EffectEstimator(
-                target, context.regression.basis(space), self._rows.starts
-            )
-            for c, target, space in zip(columns, targets.T, spaces, strict=True)
-        }
+        estimators = {}
+        for c, target, space in zip(columns, targets.T, spaces, strict=True):
+            basis = self._with_drift(context.regression.basis(space), target[:, None])
+            starts = self._rows.starts_of_blocks(residual(target[:, None], basis)[:, 0])
+            estimators[self._names[c]] = EffectEstimator(target, basis, starts)
         return estimators, context
 
     def _test(self, candidates, given) -> list[dict[str, float]]:
