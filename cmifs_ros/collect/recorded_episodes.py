@@ -60,6 +60,8 @@ class RecordedEpisodes:
         Why there are no rewards; empty if there are.
     ends : mapping of Condition to collections.Counter
         How often the conditions that end episodes were true, false and unknown (None).
+    topics : mapping of str to str
+        The recorded topics by their names in the robot file.
     cameras : mapping of str to Camera
         By sensor, what returns its pictures.
 
@@ -80,6 +82,7 @@ class RecordedEpisodes:
     unit: str = 'message'
     no_rewards: str = ''
     ends: Mapping[Condition, Counter[bool | None]] = field(default_factory=dict)
+    topics: Mapping[str, str] = field(default_factory=dict)
     cameras: Mapping[str, Camera] = field(default_factory=dict)
 
     def __sizeof__(self) -> int:

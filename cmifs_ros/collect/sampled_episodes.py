@@ -55,6 +55,11 @@ class Collector(ABC):
         return {}
 
     @property
+    def topics(self) -> Mapping[str, str]:
+        """The recorded topics by their names in the robot file."""
+        return {}
+
+    @property
     def broken(self) -> Mapping[str, int]:
         """Number of dropped episodes by cause, without those that `finish` explains."""
         return self.builder.dropped
@@ -116,7 +121,7 @@ class Collector(ABC):
             self.channel_names, self.episodes, num_read, self.action_names, builder.stamps,
             num_between=self.num_between, num_cut=builder.num_cut,
             num_open_steps=builder.num_open_steps, dropped=dropped, unreadable=unreadable,
-            traffic=traffic, ends=self.ends,
+            traffic=traffic, ends=self.ends, topics=self.topics,
         )  # fmt: skip
 
 
@@ -147,6 +152,11 @@ class SampledEpisodes(Collector):
     def ends(self) -> Mapping[Condition, Counter[bool | None]]:
         """How often the conditions that end episodes were true, false and unknown."""
         return self._sampler.end_looks
+
+    @property
+    def topics(self) -> Mapping[str, str]:
+        """The recorded topics by their names in the robot file."""
+        return {name: topic for topic, name in self._names.items()}
 
     @property
     def broken(self) -> Mapping[str, int]:

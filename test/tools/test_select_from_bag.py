@@ -25,6 +25,9 @@ from cmifs_ros.tools.make_robot_file import main as make_robot_file
 from cmifs_ros.tools.select_from_bag import main
 from studies.tasks.control import rollout_control
 
+#: The robot file with relative names of topics.
+RELATIVE = ROBOT.replace(' /', ' ')
+
 
 @pytest.fixture
 def robot(tmp_path):
@@ -233,20 +236,26 @@ def test_a_topic_that_the_bag_lacks_is_an_error(tmp_path, capsys):
 
 def test_a_relative_name_means_the_topic_in_whatever_namespace_it_was_recorded(tmp_path):
     expected = episodes_of(*write_bag(tmp_path / 'bag', 42))
-    for space in ('', '/robot1'):
-        path = tmp_path / f'bag{len(space)}'
-        with open_bag(tmp_path / 'bag') as reader, Writer(
-            path, version=9, storage_plugin=StoragePlugin.MCAP
-        ) as writer:  # fmt: skip
-            topics = {
-                topic: writer.add_connection(space + topic, info.msgtype, typestore=STORE)
-                for topic, info in reader.topics.items()
-            }
-            for connection, time, data in reader.messages(reader.topics):
-                writer.write(topics[connection.topic], time, data)
-        bag = episodes_of_bag(path, parse_robot_file(ROBOT.replace(' /', ' ')))
+    for path in (tmp_path / 'bag', in_namespace('robot1', tmp_path / 'bag')):
+        bag = episodes_of_bag(path, parse_robot_file(RELATIVE))
         assert len(bag.episodes) == len(expected) == 7
         np.testing.assert_array_equal(bag.episodes[6].states, expected[6][0])
+
+
+def test_what_is_worth_recording_has_the_names_under_which_it_was_recorded(tmp_path):
+    bags = [tmp_path / 'bag', tmp_path / 'other']
+    for seed, path in enumerate(bags):
+        write_bag(path, 150, seed=seed)
+    (tmp_path / 'robot.yaml').write_text(RELATIVE)
+    topics = tmp_path / 'topics'
+    recorded = map(str, map(in_namespace, ('one', 'two'), bags))
+    options = ['--robot', str(tmp_path / 'robot.yaml'), '--out', str(tmp_path)]
+    assert main([*recorded, *options, '--topics', str(topics)]) == 0
+    named = topics.read_text().split()
+    assert named[0] == '--topics'
+    assert {'/one/pose', '/one/pay', '/two/pose', '/two/pay'} <= set(named)
+    assert set(named[1:]) <= {f'/{s}/{t}' for s in ('one', 'two') for t in ('pose', 'pay', 'noise')}
+    assert len(set(named)) == len(named)
 
 
 def test_two_names_of_one_topic_are_an_error(tmp_path, capsys):
@@ -273,6 +282,21 @@ def test_a_field_that_a_message_lacks_is_named(tmp_path):
     robot = parse_robot_file(ROBOT.replace('{path: /noise.data}', fields))
     with pytest.raises(BagError, match=r"wind: /noise has no field 'wind'; expected one of data"):
         episodes_of_bag(tmp_path / 'bag', robot)
+
+
+def in_namespace(space, path):
+    """Write a bag anew, with its topics in a namespace, and return its path."""
+    again = path.with_name(f'{path.name}_{space}')
+    with open_bag(path) as reader, Writer(
+        again, version=9, storage_plugin=StoragePlugin.MCAP
+    ) as writer:  # fmt: skip
+        topics = {
+            topic: writer.add_connection(f'/{space}{topic}', info.msgtype, typestore=STORE)
+            for topic, info in reader.topics.items()
+        }
+        for connection, time, data in reader.messages(reader.topics):
+            writer.write(topics[connection.topic], time, data)
+    return again
 
 
 def with_clock(path):
@@ -429,7 +453,7 @@ def test_an_interruption_is_one_sentence(tmp_path, robot):
 def test_a_reader_that_stops_reading_such_as_head_ends_it_in_silence(tmp_path, robot):
     write_bag(tmp_path / 'bag', 2001)
     process = subprocess.Popen(
-        [sys.executable, '-u', '-m', 'cmifs_ros.tools.select_from_bag', str(tmp_path / 'bag'),
+        [sys.executable, '-u', '-m', 'cmifs_ros', 'select', str(tmp_path / 'bag'),
          '--robot', robot],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=dict(os.environ),
     )  # fmt: skip
