@@ -72,3 +72,25 @@ def test_what_steps_lack_is_logged_once_and_in_one_line_if_it_is_much(
         assert lines == [f'steps lack {said}; and 2 more, see /diagnostics; this breaks episodes']
     else:
         assert lines == [f'steps lack {name}: no message; this breaks episodes' for name in 'bcd']
+
+
+def test_of_messages_that_come_too_late_it_says_so(monkeypatch):
+    now = [0.0]
+    monkeypatch.setattr(sampler_status.time, 'monotonic', lambda: now[0])
+    robot = parse_robot_file(ROBOT % 'b: /b.data, c: /c.data')
+    sampler = Sampler(robot, max_lateness=0.5)
+    status = SamplerStatus('sampler', sampler, dict.fromkeys(robot.topics, 1.0))
+    lines = []
+
+    def say(topic, seconds):
+        header = Message(stamp=Message(sec=int(seconds), nanosec=0))
+        sampler.add(topic, Message(header=header, data=1.0), 0)
+
+    for second in range(100, 120):
+        now[0] = float(second)
+        say('/a', second)
+        say('/b', second - 3)
+        say('/c', second if second < 108 else second - 3)  # It has been in time before.
+        lines += status.news()
+    said = 'its messages come later than steps can wait; this breaks episodes'
+    assert lines == [f'steps lack {name}: {said}' for name in 'bc']

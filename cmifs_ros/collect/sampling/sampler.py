@@ -84,7 +84,7 @@ class Sampler:
         self.late, self.wrong = self._order.late, self._order.wrong
         self.last_wrong = self._order.last_wrong
         self.received: Counter[str] = Counter()
-        self.missing = MissingValues(robot.sources, self.received)
+        self.missing = MissingValues(robot.sources, self.received, self.late)
         self.saving = Saving(robot)
         self.away: dict[str, float] = {}
         self.ends = EndCounts()
