@@ -66,10 +66,7 @@ def make_job(
         raise RefusedError(str(error)) from None
     if 'significance' in of_selector:
         of_selector['significance'] = level_of_look(
-            settings['significance'],
-            buffer.num_seen,
-            num_first=needed,
-            buffer_size=settings['max_episodes'],
+            settings['significance'], buffer.renewals, num_first=needed
         )
     held = buffer.snapshot()
     episodes, note = with_same_actions(held, needed)
