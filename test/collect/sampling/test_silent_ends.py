@@ -158,6 +158,62 @@ def test_each_goal_of_a_robot_that_falls_silent_with_it_has_its_end(step, gap):
         assert goals(step, gap, flush=True)[1] == steps
 
 
+HITS = """
+step: {%s}
+channels: {a: /a.data, taps: {path: /a.data, over: count}}
+actions: {push: /push.data, force: {path: /push.data, over: mean}}
+values: {hit: {path: /hit.data, max_age: .inf}}
+reward: a + 10 * hit
+episode: {%s}
+"""
+
+
+def hits(step, ends, gap, max_lateness=5.0, flush=False):
+    """Return the steps of four episodes, each of which ends by a hit before a silence, in ms."""
+    sampler, steps, time = Sampler(parse_robot_file(HITS % (step, ends)), max_lateness), [], 0
+
+    def say(topic, value, after=0):
+        nonlocal steps
+        steps += sampler.add(topic, Message(data=value), (time + after) * SECOND // 1000)
+
+    for _ in range(4):
+        for i in range(10):
+            say('/a', float(i))
+            say('/hit', False, 10)
+            say('/push', 3.0 + i, 20)
+            time += 50
+        say('/hit', True, -20)
+        if flush:  # As the node does when nothing has come for two seconds, each second.
+            steps += sampler.flush()
+            steps += sampler.flush()
+        time += gap
+    steps += sampler.flush()
+    return steps
+
+
+@pytest.mark.parametrize('ends', ['terminated: hit', 'terminated: hit and not before(hit)',
+                                  'terminated: hit and force > 0 and push > 11'])  # fmt: skip
+@pytest.mark.parametrize('gap', [50, 400, 5000])
+@pytest.mark.parametrize('step', ['rate: 20', 'topic: /a'])
+def test_each_end_that_an_expression_finds_before_a_silence_counts(step, ends, gap):
+    steps = hits(step, ends, gap)
+    assert [s.sample.reward >= 10 for s in steps if s.sample.terminated] == [True] * 4
+    assert hits(step, ends, gap, None) == steps
+    if gap > 2000:
+        assert hits(step, ends, gap, flush=True) == steps
+    if step == 'topic: /a':
+        # Nothing that the last step looked at has started over before.
+        assert {s.state[1] for s in steps} == {1.0}
+
+
+@pytest.mark.parametrize('ends', ['step >= 12', 'a == before(a)', 'taps == 0'])
+def test_a_condition_that_no_message_made_true_needs_its_step(ends):
+    steps = hits('topic: /a', f"truncated: '{ends}'", 5000)
+    assert [s.sample.step for s in steps if s.sample.truncated] == (
+        [11, 11, 11] if ends == 'step >= 12' else []
+    )
+
+
 def test_what_is_latched_outlives_a_clock_that_is_set_back_and_nothing_else_does():
     robot = parse_robot_file(
         'step: {topic: /a}\nreward: a\n'
