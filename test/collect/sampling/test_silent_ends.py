@@ -7,6 +7,8 @@ from math import nan
 from types import SimpleNamespace as Message
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from selections import selection, sensor
 
 from cmifs_ros.collect.episodes.builder import EpisodeBuilder
@@ -212,6 +214,35 @@ def test_a_condition_that_no_message_made_true_needs_its_step(ends):
     assert [s.sample.step for s in steps if s.sample.truncated] == (
         [11, 11, 11] if ends == 'step >= 12' else []
     )
+
+
+SENT = st.tuples(
+    st.sampled_from([10, 10, 10, 50, 400, 1500, 2500, 4500]),
+    st.sampled_from(['/a', '/a', '/a', '/hit', '/push']),
+    st.sampled_from([0.0, 0.0, 1.0]),
+)
+
+
+@settings(max_examples=200, deadline=None)
+@given(
+    st.lists(SENT, max_size=60), st.sampled_from(['rate: 20', 'topic: /a']),
+    st.sampled_from(['terminated: hit', 'terminated: hit and a == before(a), steps: 5',
+                     'truncated: "taps == 0 or push > 0 and force < 1"']),
+)  # fmt: skip
+def test_a_bag_with_silences_gives_the_steps_of_the_node(sent, step, ends):
+    robot = parse_robot_file(HITS % (step, ends))
+    live, bag, time = Sampler(robot), Sampler(robot, None), SECOND
+    steps, recorded = [], []
+    for gap, topic, value in sent:
+        for _ in range(2000, gap, 1000):  # The node's reports while all is silent.
+            steps += live.flush()
+        time += gap * SECOND // 1000
+        steps += live.add(topic, Message(data=value), time)
+        recorded += bag.add(topic, Message(data=value), time)
+    steps += live.flush()
+    recorded += bag.flush()
+    assert steps == recorded
+    assert all(a.stamp <= b.stamp for a, b in pairwise(steps))
 
 
 def test_what_is_latched_outlives_a_clock_that_is_set_back_and_nothing_else_does():
