@@ -170,5 +170,4 @@ class _StatesAndRewards(Collector):
     def finish(self) -> dict[str, int]:
         self.episodes += self._assembler.actions.stop_waiting()
         counts = self._assembler.dropped_messages
-        dropped = {explained('messages', cause): n for cause, n in counts.items()}
-        return dropped | self.builder.ends.dropped_in_words()
+        return {explained('messages', cause): n for cause, n in counts.items()}

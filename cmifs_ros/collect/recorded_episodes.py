@@ -12,6 +12,7 @@ import numpy as np
 
 from cmifs_ros.core import Episode
 
+from .episodes.end_counts import EndCounts
 from .episodes.episode_check import Condition
 from .traffic import Traffic
 
@@ -62,6 +63,8 @@ class RecordedEpisodes:
         How often the conditions that end episodes were true, false and unknown (None).
     topics : mapping of str to str
         The recorded topics by their names in the robot file.
+    end_counts : EndCounts
+        Episodes by kind of end, and how many of each kind were lost.
     cameras : mapping of str to Camera
         By sensor, what returns its pictures.
 
@@ -83,6 +86,7 @@ class RecordedEpisodes:
     no_rewards: str = ''
     ends: Mapping[Condition, Counter[bool | None]] = field(default_factory=dict)
     topics: Mapping[str, str] = field(default_factory=dict)
+    end_counts: EndCounts = field(default_factory=EndCounts)
     cameras: Mapping[str, Camera] = field(default_factory=dict)
 
     def __sizeof__(self) -> int:

@@ -30,6 +30,7 @@ def make_job(
     source: SelectorInput,
     settings: dict,
     in_use: SelectionInUse | None,
+    losses: str,
 ) -> Job:
     """Return a job for a selection from the episodes held.
 
@@ -44,6 +45,8 @@ def make_job(
         The node's parameters.
     in_use : SelectionInUse or None
         Its confirmed sensors stay unless they are dispensable now.
+    losses : str
+        As of `Selection`.
 
     Raises
     ------
@@ -76,6 +79,7 @@ def make_job(
     options: dict[str, Any] = {
         'start': () if in_use is None else in_use.confirmed,
         'least_kept': needed if settings['forget_outdated'] else None,
+        'losses': losses,
         'action_names': source.action_names if episodes[0].actions.size else (),
     }
     return Job(

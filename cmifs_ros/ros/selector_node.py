@@ -203,6 +203,7 @@ class SelectorNode(Node):
                 source=self._input,
                 settings=self._settings,
                 in_use=self._output.in_use,
+                losses=self._output.topics.losses or self._input.assembler.builder.ends.problem(),
             )
         except UnusableDataError as error:
             self._attempt = diagnostics.WARN, str(error)

@@ -56,7 +56,7 @@ def confirmed_at_looks(
         held, level, chosen = buffer.snapshot(), _SIGNIFICANCE, {}
         if spends:
             level = level_of_look(level, buffer.renewals, options.every)
-            chosen = {'start': start, 'least_kept': options.every if options.forget else None}
+            chosen = {'start': start, 'least_kept': options.every}
         selection = select(held, names, 'conditional_mi', {'significance': level}, **chosen)
         if selection.outdated:
             num_changes += 1
@@ -92,8 +92,7 @@ def run(options: argparse.Namespace) -> None:
         ratio = np.median([a / b for a, b in pairs])
         print(f'median ratio: {ratio:.2f}')
     runs = of_all(0.0, True)
-    if options.forget:
-        print(f'changes of the task found: {sum(num_changes for _, num_changes in runs)}')
+    print(f'changes of the task found: {sum(num_changes for _, num_changes in runs)}')
     ever = sum(any(looks) for looks, _ in runs)
     print(f'ever confirmed: {ever} of {len(runs)} runs, {options.looks} looks each')
 
@@ -107,12 +106,6 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument('--looks', type=number_from(1), default=20)
     parser.add_argument('--every', type=number_from(1), default=20, help='episodes between looks')
     parser.add_argument('--buffer', type=number_from(2), default=400, help='episodes kept')
-    parser.add_argument(
-        '--no-forgetting',
-        dest='forget',
-        action='store_false',
-        help='as with forget_outdated:=false: look for no change of the task',
-    )
     parser.add_argument(
         '--power',
         action='store_true',

@@ -117,6 +117,25 @@ def test_a_killed_selector_comes_back_with_its_episodes_and_its_selection(start_
     robot.until(lambda: sorted(os.listdir(path.parent)) == ['episodes', 'episodes.lock'])
 
 
+def test_what_the_sampler_has_lost_by_its_end_is_a_warning_and_nothing_can_go(start_selector, path):
+    _, robot = start_selector(num_features=0)
+    sampler = robot.node.create_publisher(String, 'channel_topics', LATCHED_QOS)
+    fields = topic_fields(SensorTopics({name: f'/{name}' for name in NAMES}, {}, ()))
+    robot.publish_episodes(numbered(range(40)), NAMES)
+    robot.wait_for_episodes(40)
+
+    def look():
+        return json.loads(robot.call(robot.select_client).message)
+
+    for losses in ('dropped 12 episodes that ended by `aborted`', ''):
+        sampler.publish(String(data=json.dumps(fields | {'losses': losses})))
+        robot.until(lambda losses=losses: look()['losses'] == losses)
+        found = look()
+        assert found['advice']['keep'] == ['/c']
+        assert bool(losses) == (found['advice']['can_go'] == [])
+        assert bool(losses) == any(w.startswith(f'{losses}; the') for w in found['warnings'])
+
+
 def test_a_restart_gives_no_level_back(start_selector, path):
     def look(robot):
         return json.loads(robot.call(robot.select_client).message)['level']
