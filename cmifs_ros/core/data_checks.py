@@ -242,6 +242,7 @@ def _share_between(values: np.ndarray, groups: np.ndarray) -> np.ndarray:
 
 def _problems_of_order(means: np.ndarray) -> list[str]:
     count = len(means)
+    means = means / max(np.abs(means).max(), np.finfo(float).tiny)  # Squares do not overflow.
     drift, worth = share_of_drift(means, np.ones(count)), independent_episodes(means)
     if drift > _MUCH_DRIFT:
         return [

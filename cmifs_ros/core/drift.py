@@ -60,7 +60,6 @@ def independent_episodes(means: np.ndarray) -> float:
     neighbouring autocorrelations have a negative sum (Geyer, Practical Markov chain Monte Carlo,
     1992). It is M unless neighbours correlate by more than three standard errors of white noise.
     """
-    means = means / max(np.abs(means).max(), np.finfo(float).tiny)
     means = means - means.mean()
     count, variance = len(means), means @ means
     if means[1:] @ means[:-1] <= 3 / np.sqrt(count) * variance:
