@@ -13,7 +13,6 @@ from cmifs_ros.core.words import did_you_mean, first
 
 from .episodes.builder import EpisodeBuilder
 from .episodes.drops import explained
-from .episodes.end_counts import EndCounts
 from .episodes.episode_check import Condition
 from .recorded_episodes import RecordedEpisodes, RecordingError
 from .robot_file import RobotFile
@@ -54,16 +53,6 @@ class Collector(ABC):
     def ends(self) -> Mapping[Condition, Counter[bool | None]]:
         """How often the conditions that end episodes were true, false and unknown."""
         return {}
-
-    @property
-    def topics(self) -> Mapping[str, str]:
-        """The recorded topics by their names in the robot file."""
-        return {}
-
-    @property
-    def end_counts(self) -> EndCounts:
-        """Episodes by kind of end, and how many of each kind were lost."""
-        return self.builder.ends
 
     @property
     def broken(self) -> Mapping[str, int]:
@@ -119,7 +108,6 @@ class Collector(ABC):
     ) -> RecordedEpisodes:
         """Return the collected episodes, when all messages were added."""
         dropped, builder = self.finish(), self.builder
-        dropped |= self.end_counts.dropped_in_words()
         dropped |= {explained('episodes', cause): n for cause, n in self.broken.items() if n}
         if builder.num_partly_acting:
             cause = 'actions of episodes in which some steps have none'
@@ -128,7 +116,7 @@ class Collector(ABC):
             self.channel_names, self.episodes, num_read, self.action_names, builder.stamps,
             num_between=self.num_between, num_cut=builder.num_cut,
             num_open_steps=builder.num_open_steps, dropped=dropped, unreadable=unreadable,
-            traffic=traffic, ends=self.ends, end_counts=self.end_counts, topics=self.topics,
+            traffic=traffic, ends=self.ends,
         )  # fmt: skip
 
 
@@ -159,16 +147,6 @@ class SampledEpisodes(Collector):
     def ends(self) -> Mapping[Condition, Counter[bool | None]]:
         """How often the conditions that end episodes were true, false and unknown."""
         return self._sampler.end_looks
-
-    @property
-    def topics(self) -> Mapping[str, str]:
-        """The recorded topics by their names in the robot file."""
-        return {name: topic for topic, name in self._names.items()}
-
-    @property
-    def end_counts(self) -> EndCounts:
-        """Episodes by kind of end, and how many of each kind were lost."""
-        return self._sampler.ends
 
     @property
     def broken(self) -> Mapping[str, int]:
@@ -236,6 +214,10 @@ class SampledEpisodes(Collector):
             for t, n in sampler.wrong.items()
             if n
         }
+        dropped |= {
+            f'steps back of {t} that may be resets of time: record /clock to tell': n
+            for t, n in sampler.unclear.items()
+        }
         lacking = sampler.missing.in_words(sampler.missing.counts)
         dropped |= {
             f'steps without {what}': n for what, n in lacking.items() if not what.endswith(NOT_YET)
@@ -243,7 +225,7 @@ class SampledEpisodes(Collector):
         num_before, last = sampler.missing.before_first()
         if num_before:
             dropped[f'steps at the beginning, before the first message of {last}'] = num_before
-        return dropped
+        return dropped | sampler.ends.dropped_in_words()
 
 
 def _topics_called(name: str, topics: Collection[str]) -> list[str]:

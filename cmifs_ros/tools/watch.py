@@ -138,9 +138,7 @@ def run(node: Node, console: Console, report: Path | None) -> int:
                 raise CommandError('interrupted; nothing is written')
             _write_report(watcher.look(), report)
             return 0
-        with console.capture() as captured:  # Rich would end the process where nobody reads.
-            console.print(view(watcher.look(), console))
-        print(captured.get(), end='', flush=True)
+        console.print(view(watcher.look(), console))
         return 0 if watcher.snapshot.selector or watcher.snapshot.sampler else 1
     with Live(console=console, auto_refresh=False, screen=True) as live:
         shown_at = 0.0
@@ -200,8 +198,6 @@ def main(arguments: list[str] | None = None, program: str = 'watch') -> int:
             file=sys.stderr,
         )
         return 2
-    except BrokenPipeError:
-        raise
     except (CommandError, OSError) as error:
         print(f'{program}: {error}', file=sys.stderr)
         return 1

@@ -118,12 +118,11 @@ def test_what_is_dispensable_is_unsubscribed_and_comes_back(start, robot, tmp_pa
     select(4)
     robot.until(lambda: around.listened_to == [True, False])
 
-    # And when asked, until then, too.
+    # And when asked.
     robot.until(around.explore.service_is_ready)
     reply = robot.call(around.explore)
     assert reply.success
-    said = 'all topics are on (~/explore was called): same selection 0 of 2 times'
-    assert reply.message == said
+    assert reply.message.startswith('all topics are on (~/explore was called): ')
     robot.until(lambda: around.listened_to == [True, True])
 
     assert around.dropped() == dropped_at_first

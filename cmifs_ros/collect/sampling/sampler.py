@@ -29,7 +29,7 @@ from .saving import Saving
 from .step import SilentTail, Step
 from .taken_actions import TakenActions
 
-#: After this silence a waiting step, or one at which the episode ends, is made.
+#: After this silence a waiting step, or one whose end was announced, is made.
 QUIET = 2 * SECOND
 _OWN = dict.fromkeys(OWN_VALUES, 0.0)
 
@@ -55,6 +55,8 @@ class Sampler:
     ----------
     received, late, wrong : collections.Counter
         Messages by topic: all; too late for their step; without the field or with a far stamp.
+    unclear : collections.Counter
+        By topic, steps back in time that may be resets. See `EventOrder`.
     last_wrong : dict of str to str
         By topic, the problem of the newest wrong message.
     missing : MissingValues
@@ -82,9 +84,9 @@ class Sampler:
         self._period = int(SECOND / robot.rate) if robot.rate else None
         self._order = EventOrder(robot.topics, max_lateness)
         self.late, self.wrong = self._order.late, self._order.wrong
-        self.last_wrong = self._order.last_wrong
+        self.unclear, self.last_wrong = self._order.unclear, self._order.last_wrong
         self.received: Counter[str] = Counter()
-        self.missing = MissingValues(robot.sources, self.received, self.late)
+        self.missing = MissingValues(robot.sources, self.received)
         self.saving = Saving(robot)
         self.away: dict[str, float] = {}
         self.ends = EndCounts()
@@ -105,7 +107,7 @@ class Sampler:
         self.away = dict.fromkeys(self.away, math.inf)
         self._end.begin_anew()
         self._last_time: int | None = None  # Of the newest processed message.
-        self._news: set[str] = set()  # Topics with a message processed since the last step.
+        self._is_news = False  # Whether a message was processed since the last step.
         self._next_tick: int | None = None
         names = {name for source in self._robot.sources for name in (source.name, *source.names)}
         self._before = dict.fromkeys(
@@ -153,7 +155,7 @@ class Sampler:
         time = received if stamp is None else stamp
         if self.away.get(topic) == math.inf and topic not in self.saving.off:
             self.away[topic] = time
-        return self._work(self._order.add(topic, time, stamp is not None, content))
+        return self._work(self._order.add(topic, stamp, received, content))
 
     def set_clock(self, now: int) -> list[Step]:
         """Set the time of /clock in nanoseconds; return the steps before a reset, if any."""
@@ -194,7 +196,6 @@ class Sampler:
         steps += self._tick(time)
         for message in moment.messages:
             content = message.content
-            self._news.add(message.topic)
             self.missing.heard(message.topic, time, content.values)
             if self.away.get(message.topic, math.inf) <= time:
                 del self.away[message.topic]
@@ -206,7 +207,7 @@ class Sampler:
             for end, is_so in content.ends.items():
                 self._end.follow(end, is_so)
             self._end.follow_goals(content.goals)
-        self._last_time = time
+        self._last_time, self._is_news = time, True
         if any(message.topic == self._robot.step_topic for message in moment.messages):
             steps += self._make_step(time)
         return steps
@@ -224,21 +225,19 @@ class Sampler:
         return steps
 
     def _settle(self) -> list[Step]:
-        """Make the step that is due after silence: the next tick, or that of an end."""
-        if self._left is None or not self._news:
+        """Make the step that is due after silence: the next tick, or that of an announced end."""
+        if self._left is None or not self._is_news:
             return []
         if self._period is not None:
             self._last_time = self._next_tick
             return self._tick(self._next_tick + 1)
         self._actions.pass_on()
         # At the time of the previous step: that of a message without a stamp is not exact.
-        time = self._left.time
-        is_due = self._end.is_due(self._peek(time), self._before)
-        return self._make_step(time) if is_due else []
+        return self._make_step(self._left.time) if self._end.is_announced else []
 
     def _make_step(self, time: int) -> list[Step]:
         """Reach a step, which completes the transition from the previous one."""
-        self._news.clear()
+        self._is_news = False
         reached, values = self._look(time)
         left, before = self._left, self._before
         action = self._actions.of_step(left.time if left else time, time)
@@ -350,19 +349,6 @@ class Sampler:
                 state.extend(held)
             values |= zip(source.names, held, strict=True)
         return _Left(time, None if lacking else state, tuple(lacking)), values
-
-    def _peek(self, time: int) -> dict[str, float]:
-        """Return all values by name that the next step would have, if it were at a time."""
-        values = self._before | {'step': self._step + 1.0}
-        for held in (self._held, self._actions.held):
-            for source in held.sources:
-                if source.path.topic not in self._news:
-                    continue
-                newest, cause = held.peek(source, time)
-                if cause is not None:
-                    newest = [math.nan] * len(source.names)
-                values |= zip(source.names, newest, strict=True)
-        return values
 
     def _reward(self, values: dict, before: dict) -> float:
         if isinstance(self._robot.reward, Expression):

@@ -14,8 +14,8 @@ MS = SECOND // 1000
 def feed(order, arrivals):
     """Return (topic, ms) in order, None where the clock was set, of (ms of arrival, topic, ms)."""
     taken = []
-    for _, topic, stamp in sorted(arrivals, key=lambda arrival: arrival[0]):
-        taken += order.add(topic, stamp * MS, True, None)
+    for received, topic, stamp in sorted(arrivals, key=lambda arrival: arrival[0]):
+        taken += order.add(topic, stamp * MS, received * MS, None)
     return in_ms(taken + order.flush())
 
 
@@ -36,7 +36,7 @@ def waits(order, arrivals):
     found, now = [], 0
     for _, topic, stamp in sorted(arrivals):
         now = max(now, stamp)
-        for moment in order.add(topic, stamp * MS, True, None):
+        for moment in order.add(topic, stamp * MS, now * MS, None):
             found += [now - moment.time // MS for m in moment.messages if m.topic == '/fast']
     return found
 
@@ -122,11 +122,11 @@ def test_the_clock_topic_tells_a_reset_at_once_and_what_is_left_over_is_late(del
         for time in range(0, 3000, 50):
             taken += order.set_clock(time * MS)
             if run and time == delay:  # One of the run before was still on its way.
-                taken += order.add('/b', 2990 * MS, True, None)
+                taken += order.add('/b', 2990 * MS, 0, None)
             if time >= delay or not run:
-                taken += order.add('/a', time * MS, True, None)
+                taken += order.add('/a', time * MS, 0, None)
             if time > delay or not run:
-                taken += order.add('/b', time * MS, True, None)
+                taken += order.add('/b', time * MS, 0, None)
     taken = in_ms(taken + order.flush())
     assert taken.count(None) == 2
     assert order.late == {'/b': 2}
@@ -143,10 +143,10 @@ def test_messages_that_come_before_the_clock_of_their_reset_count_as_after_it():
     order = EventOrder(['/a'])
     taken = order.set_clock(5000 * MS)
     for time in range(5000, 8000, 50):
-        taken += order.add('/a', time * MS, True, None)
-    taken += order.add('/a', 100 * MS, True, None)
+        taken += order.add('/a', time * MS, 0, None)
+    taken += order.add('/a', 100 * MS, 0, None)
     taken += order.set_clock(110 * MS)
-    taken += order.add('/a', 150 * MS, True, None)
+    taken += order.add('/a', 150 * MS, 0, None)
     taken = in_ms(taken + order.flush())
     assert taken[-3:] == [None, ('/a', 100), ('/a', 150)]
     assert not +order.late
@@ -166,6 +166,56 @@ def test_a_clock_by_which_nobody_stamps_resets_nothing():
     order, taken = EventOrder(['/a']), []
     for time in range(0, 9000, 50):
         taken += order.set_clock(time % 3000 * MS)
-        taken += order.add('/a', (time + 10**9) * MS, True, None)
+        taken += order.add('/a', (time + 10**9) * MS, 0, None)
     assert CLOCK_SET not in taken
     assert not order.late
+
+
+@given(
+    st.lists(st.integers(2, 25), min_size=2, max_size=8), st.booleans(), st.booleans(),
+    st.sampled_from([0, 20, 70]), st.sampled_from([5.0, None]),
+)  # fmt: skip
+def test_each_of_many_short_episodes_is_told(lengths, has_clock, has_slow, gap, max_lateness):
+    """Three topics at 10 Hz; with /clock, also one that speaks once in an episode."""
+    topics = ['/a', '/b', '/c', *(['/slow'] if has_slow and has_clock else [])]
+    order, taken, begin = EventOrder(topics, max_lateness), [], 1000
+    for length in lengths:
+        for time in range(0, length * 100, 100):
+            if has_clock:
+                taken += order.set_clock((time + 1) * MS)
+            for number, topic in enumerate(topics):
+                if topic != '/slow' or time == 0:
+                    stamp, received = time + 1 + number, begin + time + 10 * number
+                    taken += order.add(topic, stamp * MS, received * MS, None)
+        begin += length * 100 + gap
+    found = [[]]
+    for message in in_ms(taken + order.flush()):
+        found.append([]) if message is None else found[-1].append(message)
+    assert found == [
+        [
+            (topic, time + 1 + number)
+            for time in range(0, length * 100, 100)
+            for number, topic in enumerate(topics)
+            if topic != '/slow' or time == 0
+        ]
+        for length in lengths
+    ]
+    assert not +order.late
+
+
+@given(st.lists(st.integers(0, 20_000), min_size=50, max_size=50), st.booleans())
+def test_one_topic_out_of_order_by_many_seconds_is_no_reset(delays, is_flushed):
+    """Its messages come at random, or in queues that arrive at once and out of order."""
+    order = EventOrder(['/a', '/b'], None)
+    arrivals = stream('/a', 100, 20_000)
+    for number, delay in enumerate(delays):
+        time = 350 * number + 7
+        received = (time // 5000 + 1) * 5000 + delay / 1000 if is_flushed else time + delay
+        arrivals.append((received, '/b', time))
+    in_order = sorted((time, topic) for _, topic, time in arrivals)
+    # What comes after all others had ended may be of another time.
+    arrivals += [(time, '/a', time) for time in range(20_000, 45_000, 100)]
+    taken = feed(order, [(int(received), topic, time) for received, topic, time in arrivals])
+    assert taken[: len(in_order)] == [(topic, time) for time, topic in in_order]
+    assert None not in taken
+    assert not +order.late

@@ -199,7 +199,7 @@ def steps_of_stamped(messages):
     for time, topic, shift in sorted(messages):
         seconds, rest = divmod(2 * HOUR + time + shift, 1000)
         header = Message(stamp=Message(sec=seconds, nanosec=rest * MS))
-        steps += sampler.add(topic, Message(data=time, header=header), 0)
+        steps += sampler.add(topic, Message(data=time, header=header), time * MS)
     steps += sampler.flush()
     return [(step.stamp, list(step.state)) for step in steps], +sampler.wrong
 
