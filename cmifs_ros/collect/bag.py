@@ -103,12 +103,11 @@ def episodes_of_bag(
             is_simulated=has_clock,
         )
     found = collector.recorded(count, traffic, reader.unreadable)
-    actual = {name: topic for topic, name in topics.items()}
     cameras = {
         source.name: partial(frames_of_bag, path, open_bag, topic, found.stamps)
         for source in (robot.sources if robot is not None else ())
         if source.role == CHANNEL and source.encoder is not None and not source.path.fields
-        and not kinds[topic := actual[source.path.topic]].isdisjoint(IMAGES)
+        and not kinds[topic := found.topics[source.path.topic]].isdisjoint(IMAGES)
     }  # fmt: skip
     return replace(found, cameras=cameras)
 
@@ -171,5 +170,4 @@ class _StatesAndRewards(Collector):
     def finish(self) -> dict[str, int]:
         self.episodes += self._assembler.actions.stop_waiting()
         counts = self._assembler.dropped_messages
-        dropped = {explained('messages', cause): n for cause, n in counts.items()}
-        return dropped | self.builder.ends.dropped_in_words()
+        return {explained('messages', cause): n for cause, n in counts.items()}

@@ -8,6 +8,8 @@ from collections import Counter
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
+import numpy as np
+
 from .robot_file.observed_fields import MAX_LOOKS, ObservedTopic
 from .robot_file.template import is_of_robot, robot_file_of_topics
 from .sampling.bag_reader import OpenBag, Undecoded, messages_of, open_bag, unwatched
@@ -66,23 +68,32 @@ def robot_file_of_bag(
 
 
 class _Choice:
-    """Choose the messages of a bag to read."""
+    """Choose the messages of a bag to read.
+
+    Of long ones, that is a random one of each few in succession, the same each time: if it were
+    each tenth, some of ten nodes that publish one topic in turn would never be read.
+    """
 
     def __init__(self, heard: dict[str, ObservedTopic]):
         self._heard = heard
+        self._random = np.random.default_rng(0)
         self._counts: Counter[str] = Counter()
+        self._turns: dict[str, int] = {}
         self._last: dict[str, bytes] = {}
 
     def __call__(self, topic: str, data: bytes) -> bool:
         heard = self._heard[topic]
         if not heard.is_open:
             return False
+        few = -(-heard.count // MAX_LOOKS)
+        place = self._counts[topic] % few
         self._counts[topic] += 1
+        if place == 0:
+            self._turns[topic] = int(self._random.integers(few))
         if len(data) <= _MAX_SHORT:
             is_same = data == self._last.get(topic)
             self._last[topic] = data
             return not is_same
-        is_in_turn = (self._counts[topic] - 1) % -(-heard.count // MAX_LOOKS) == 0
-        is_chosen = is_in_turn or heard.trace.is_open
+        is_chosen = place == self._turns[topic] or heard.trace.is_open
         heard.num_unseen += not is_chosen
         return is_chosen

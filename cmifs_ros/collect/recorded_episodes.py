@@ -12,6 +12,7 @@ import numpy as np
 
 from cmifs_ros.core import Episode
 
+from .episodes.end_counts import EndCounts
 from .episodes.episode_check import Condition
 from .traffic import Traffic
 
@@ -60,6 +61,10 @@ class RecordedEpisodes:
         Why there are no rewards; empty if there are.
     ends : mapping of Condition to collections.Counter
         How often the conditions that end episodes were true, false and unknown (None).
+    topics : mapping of str to str
+        The recorded topics by their names in the robot file.
+    end_counts : EndCounts
+        Episodes by kind of end, and how many of each kind were lost.
     cameras : mapping of str to Camera
         By sensor, what returns its pictures.
 
@@ -80,6 +85,8 @@ class RecordedEpisodes:
     unit: str = 'message'
     no_rewards: str = ''
     ends: Mapping[Condition, Counter[bool | None]] = field(default_factory=dict)
+    topics: Mapping[str, str] = field(default_factory=dict)
+    end_counts: EndCounts = field(default_factory=EndCounts)
     cameras: Mapping[str, Camera] = field(default_factory=dict)
 
     def __sizeof__(self) -> int:

@@ -13,6 +13,7 @@ from cmifs_ros.core.words import did_you_mean, first
 
 from .episodes.builder import EpisodeBuilder
 from .episodes.drops import explained
+from .episodes.end_counts import EndCounts
 from .episodes.episode_check import Condition
 from .recorded_episodes import RecordedEpisodes, RecordingError
 from .robot_file import RobotFile
@@ -53,6 +54,16 @@ class Collector(ABC):
     def ends(self) -> Mapping[Condition, Counter[bool | None]]:
         """How often the conditions that end episodes were true, false and unknown."""
         return {}
+
+    @property
+    def topics(self) -> Mapping[str, str]:
+        """The recorded topics by their names in the robot file."""
+        return {}
+
+    @property
+    def end_counts(self) -> EndCounts:
+        """Episodes by kind of end, and how many of each kind were lost."""
+        return self.builder.ends
 
     @property
     def broken(self) -> Mapping[str, int]:
@@ -108,6 +119,7 @@ class Collector(ABC):
     ) -> RecordedEpisodes:
         """Return the collected episodes, when all messages were added."""
         dropped, builder = self.finish(), self.builder
+        dropped |= self.end_counts.dropped_in_words()
         dropped |= {explained('episodes', cause): n for cause, n in self.broken.items() if n}
         if builder.num_partly_acting:
             cause = 'actions of episodes in which some steps have none'
@@ -116,7 +128,7 @@ class Collector(ABC):
             self.channel_names, self.episodes, num_read, self.action_names, builder.stamps,
             num_between=self.num_between, num_cut=builder.num_cut,
             num_open_steps=builder.num_open_steps, dropped=dropped, unreadable=unreadable,
-            traffic=traffic, ends=self.ends,
+            traffic=traffic, ends=self.ends, end_counts=self.end_counts, topics=self.topics,
         )  # fmt: skip
 
 
@@ -147,6 +159,16 @@ class SampledEpisodes(Collector):
     def ends(self) -> Mapping[Condition, Counter[bool | None]]:
         """How often the conditions that end episodes were true, false and unknown."""
         return self._sampler.end_looks
+
+    @property
+    def topics(self) -> Mapping[str, str]:
+        """The recorded topics by their names in the robot file."""
+        return {name: topic for topic, name in self._names.items()}
+
+    @property
+    def end_counts(self) -> EndCounts:
+        """Episodes by kind of end, and how many of each kind were lost."""
+        return self._sampler.ends
 
     @property
     def broken(self) -> Mapping[str, int]:
@@ -225,7 +247,7 @@ class SampledEpisodes(Collector):
         num_before, last = sampler.missing.before_first()
         if num_before:
             dropped[f'steps at the beginning, before the first message of {last}'] = num_before
-        return dropped | sampler.ends.dropped_in_words()
+        return dropped
 
 
 def _topics_called(name: str, topics: Collection[str]) -> list[str]:

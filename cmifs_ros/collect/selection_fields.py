@@ -50,6 +50,7 @@ def fields_of(selection: Selection, topics: SensorTopics | None = None) -> dict[
         'margin': selection.margin,
         'level': selection.level,
         'warnings': selection.warnings,
+        'losses': selection.losses,
         'doubt': selection.doubt,
         'advice': advice_fields(advice_of(selection, *(topics or ()))),
     }
@@ -93,8 +94,9 @@ def selection_of(fields: dict[str, Any]) -> Selection:
         predicted_share_of_none=_number_or_none(fields.get('predicted_share_of_none')),
         margin=_number_or_none(fields['margin']),
         level=_number_or_none(fields.get('level')),  # Absent in old files.
-        warnings=tuple(_text(text) for text in list_of(fields['warnings'])),
-        doubt=_text(fields.get('doubt', '')),  # Files of before have none.
+        warnings=tuple(text_of(text) for text in list_of(fields['warnings'])),
+        losses=text_of(fields.get('losses', '')),  # Absent in old files, as is doubt.
+        doubt=text_of(fields.get('doubt', '')),
     )
     if len(selection.warnings) > _MAX_WARNINGS:
         raise ValueError(f'{len(selection.warnings)} warnings; expected at most {_MAX_WARNINGS}')
@@ -133,7 +135,7 @@ def _sensor_of(fields: dict[str, Any]) -> SensorResult:
         redundant_with=names_of(fields['redundant_with'], MAX_CHANNELS),
         stability=_number_or_none(fields['stability']),
         effect=None if effect is None else _effect_of(effect),
-        why=_text(fields['why']),
+        why=text_of(fields['why']),
         together_with=names_of(fields.get('together_with', []), MAX_CHANNELS),  # As level.
     )
 
@@ -162,7 +164,8 @@ def _effect_of(fields: dict[str, Any]) -> Effect:
     return effect
 
 
-def _text(value) -> str:
+def text_of(value) -> str:
+    """Return a value that must be a text of limited length; otherwise raise ValueError."""
     if not isinstance(value, str) or len(value) > _MAX_TEXT:
         raise ValueError(f'{value!r:.40} instead of a text of at most {_MAX_TEXT} characters')
     value.encode()  # UnicodeEncodeError, a ValueError: messages and logs have no surrogates.
@@ -193,7 +196,7 @@ def names_of(value, most: int) -> tuple[str, ...]:
     names = tuple(list_of(value))
     if not all(isinstance(name, str) and 0 < len(name) <= MAX_NAME_LENGTH for name in names):
         raise ValueError(f'a name that is not a text of 1 to {MAX_NAME_LENGTH} characters')
-    ''.join(names).encode()  # As in `_text`.
+    ''.join(names).encode()  # As in `text_of`.
     if len(names) > most or len(set(names)) < len(names):
         raise ValueError(f'{len(names)} names; expected at most {most}, all distinct')
     return names

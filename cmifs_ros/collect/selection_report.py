@@ -161,6 +161,8 @@ def undecided_because(selection: Selection, sensor: SensorResult) -> str:
         return ''
     if selection.episodes < FEWEST_EPISODES:
         return FEW_EPISODES
+    if selection.losses:
+        return 'episodes lost by their end'
     if selection.level is not None and selection.level < sensor.pvalue <= USUAL_LEVEL:
         return f'p above {selection.level:.2g}'
     if sensor.together_with:

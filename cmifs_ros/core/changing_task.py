@@ -75,7 +75,6 @@ def num_outdated(
         [f'action{i}' for i in range(samples.actions.shape[1])],
         gamma,
         random_state=random_state,
-        level=_LEVEL,
         ordered=False,
     )
     pvalues = test([(num_channels + i,) for i in range(len(moments))], timeless)

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from .drift import share_of_drift
+from .drift import independent_episodes, share_of_drift
 from .thinning import ThinnedEpisodes
 from .words import counted, first, listed, short
 
@@ -16,7 +16,7 @@ from .words import counted, first, listed, short
 _MUCH_DRIFT = 0.5
 #: Warn if a single reward makes up at least this share of the variance of all rewards.
 _MUCH_OF_ONE = 0.5
-#: Warn if the effective number of episodes is below this share of their number.
+#: Warn if the number of independent episodes is below this share of their number.
 _FEW_INDEPENDENT = 0.5
 #: Warn if at least this share of the runs of steps is in an earlier episode, too.
 _MUCH_OVERLAP = 0.05
@@ -31,25 +31,6 @@ _MUCH_REPEATED = 0.25
 _MAX_PREDICTORS, _MAX_COMPARED = 3, 5
 #: Returns the share of each action's variance that channels predict.
 Shares = Callable[[list[int]], dict[str, float]]
-
-
-def independent_episodes(means: np.ndarray) -> float:
-    """Return the effective number of independent episodes, from their mean returns (M,) in order.
-
-    This is their number divided by the integrated autocorrelation time, whose sum is cut where two
-    neighbouring autocorrelations have a negative sum (Geyer, Practical Markov chain Monte Carlo,
-    1992).
-    """
-    means = means - means.mean()
-    count, variance = len(means), means @ means
-    if variance <= 0:
-        return float(count)
-    padded = np.fft.rfft(means, 2 * count)
-    correlations = np.fft.irfft(padded * padded.conj())[:count] / variance
-    pairs = correlations[: count // 2 * 2].reshape(-1, 2).sum(axis=1)
-    cut = int(np.argmax(pairs <= 0)) if (pairs <= 0).any() else len(pairs)
-    time = max(2 * pairs[:cut].sum() - 1, 1.0)
-    return float(max(count / time, 1.0))
 
 
 def problems_of_data(
@@ -174,12 +155,6 @@ def _best_share(predicted_shares: Shares, action: str, alone: Sequence[float]) -
     return best
 
 
-def _is_autocorrelated(means: np.ndarray) -> bool:
-    """Return whether neighbours correlate by more than three standard errors of white noise."""
-    means = means - means.mean()
-    return means[1:] @ means[:-1] > 3 / np.sqrt(len(means)) * (means @ means)
-
-
 def _problems_of_rewards(episodes: ThinnedEpisodes) -> list[str]:
     rewards, extremes = episodes.samples.rewards, episodes.extreme_rewards
     middle = np.median(rewards / 2)  # halved: no overflow
@@ -199,12 +174,21 @@ def _problems_of_rewards(episodes: ThinnedEpisodes) -> list[str]:
 
 
 def _problems_of_overlap(episodes: ThinnedEpisodes) -> list[str]:
-    """Return a warning about runs of steps in two episodes; needs a continuous channel."""
+    """Return a warning about runs of steps in two episodes; needs a continuous channel.
+
+    Episodes may begin alike, as those of a simulation that is reset: runs at the same step count
+    only where they make up most of an episode.
+    """
     states = episodes.samples.states
     if max(len(np.unique(column)) for column in states.T) < len(states) / 4:
         return []
     _, first, which = np.unique(episodes.prints, return_index=True, return_inverse=True)
-    repeated = (episodes.printed[first][which] != episodes.printed).sum()
+    owner = episodes.printed
+    step = np.arange(len(owner)) - np.searchsorted(owner, owner)
+    is_repeated = (owner[first][which] != owner) & (episodes.prints != 0)
+    is_alike = is_repeated & (step[first][which] == step)
+    is_most = 2 * np.bincount(owner, is_alike) > np.bincount(owner)
+    repeated = (is_repeated & (~is_alike | is_most[owner])).sum()
     if repeated <= _MUCH_OVERLAP * len(which):
         return []
     return [
@@ -258,16 +242,17 @@ def _share_between(values: np.ndarray, groups: np.ndarray) -> np.ndarray:
 
 def _problems_of_order(means: np.ndarray) -> list[str]:
     count = len(means)
-    drift = share_of_drift(means, np.ones(count))
+    means = means / max(np.abs(means).max(), np.finfo(float).tiny)  # Squares do not overflow.
+    drift, worth = share_of_drift(means, np.ones(count)), independent_episodes(means)
     if drift > _MUCH_DRIFT:
         return [
             f'the return follows the order of the episodes ({drift:.0%} of its variance between '
-            'episodes is slow drift), so sensors that drift along have no evidence; if the order '
-            'means nothing, for example in files sorted by outcome, use --order none '
+            f'episodes is slow drift): the {count} count as about {worth:.0f} independent ones, as '
+            'in windows of one drive, and sensors that drift along have no evidence; only if the '
+            'order means nothing, for example in files sorted by outcome, use --order none '
             '(ordered=False)'
         ]
-    worth = independent_episodes(means)
-    if worth < _FEW_INDEPENDENT * count and _is_autocorrelated(means):
+    if worth < _FEW_INDEPENDENT * count:
         return [
             f'{counted(count, "episode")} resemble their neighbours, so they count as about '
             f'{worth:.0f} independent ones'

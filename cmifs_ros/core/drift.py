@@ -53,6 +53,25 @@ def share_of_drift(means: np.ndarray, weights: np.ndarray) -> float:
     return float(1 - (left**2).sum() / total) if total > 0 else 0.0
 
 
+def independent_episodes(means: np.ndarray) -> float:
+    """Return the number of independent episodes that episodes with these means (M,) count as.
+
+    This is their number divided by the integrated autocorrelation time, whose sum is cut where two
+    neighbouring autocorrelations have a negative sum (Geyer, Practical Markov chain Monte Carlo,
+    1992). It is M unless neighbours correlate by more than three standard errors of white noise.
+    """
+    means = means - means.mean()
+    count, variance = len(means), means @ means
+    if means[1:] @ means[:-1] <= 3 / np.sqrt(count) * variance:
+        return float(count)
+    padded = np.fft.rfft(means, 2 * count)
+    correlations = np.fft.irfft(padded * padded.conj())[:count] / variance
+    pairs = correlations[: count // 2 * 2].reshape(-1, 2).sum(axis=1)
+    cut = int(np.argmax(pairs <= 0)) if (pairs <= 0).any() else len(pairs)
+    time = max(2 * pairs[:cut].sum() - 1, 1.0)
+    return float(max(count / time, 1.0))
+
+
 def _detrended(means, root, count):
     columns = np.column_stack([np.ones(len(means)), trends(len(means), count)]) * root
     basis = np.linalg.qr(columns)[0]

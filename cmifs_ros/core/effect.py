@@ -50,7 +50,7 @@ class EffectEstimator:
     basis : numpy.ndarray, shape (N, r)
         Orthonormal columns that predict the target from the given variables.
     starts : numpy.ndarray of int, shape (M,)
-        The first row of each episode.
+        The first row of each episode, or of each block of episodes that depend on each other.
 
     """
 

@@ -17,18 +17,17 @@ the return, z what is given (the sensors selected, the action and the step) and 
    so slow cosines of it are in every regression.
 4. The products :math:`s_i = \sum_t f_{it} \delta_{it} / \sqrt{T_i}` of each episode i are added up.
    If y does not depend on x given z, each :math:`s_i` may as well have the opposite sign, whatever
-   the steps of an episode have to do with each other (the wild cluster bootstrap). This counts on
-   independent episodes.
-5. What seems dependent is tested once more, with the residuals of other episodes: cyclic shifts of
-   the episodes in their order, which keep the memory of both sides. This counts on episodes alike.
+   the steps of an episode have to do with each other (the wild cluster bootstrap). Where
+   neighbouring episodes resemble each other, as windows of one drive do, as many as count as one
+   have one sign.
 
-The greater p-value of 4 and 5 counts. Returns enter as they are and as normal scores; the p-values
-of all these are combined by a Cauchy combination.
+Returns enter as they are and as normal scores; the p-values of all these are combined by a Cauchy
+combination.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -37,7 +36,7 @@ from .drift import num_trends, trends
 from .effect import Effect, EffectEstimator
 from .episode_rows import EpisodeRows
 from .kernel_regression import KernelRegression, extended, residual, squared_distances
-from .products import PARTS, Products
+from .products import Products
 from .samples import Samples, normal_scores, standardized
 
 #: Gaussians that explain the target by what is given: one for two episodes, within limits. With
@@ -70,13 +69,9 @@ class ConditionalTest:
         Variable c of the target counts where channel c is given, and only then.
     random_state : int
         Seed of folds and centres.
-    level : float
-        p-value by signs up to which episodes are shifted as well.
-    parts : collection of str
-        Which parts of the test count, of `products.PARTS`; a study looks at each by itself.
     ordered : bool
         Whether the order of the episodes is that of time: then slow drift is taken out, and
-        episodes are shifted in their order; else in a random one.
+        neighbours that resemble each other have one sign.
     n_jobs : int
         Threads that share the candidates.
 
@@ -90,12 +85,9 @@ class ConditionalTest:
         discount: float = 0.0,
         of_given: bool = False,
         random_state: int = 0,
-        level: float = 0.05,
-        parts: Collection[str] = PARTS,
         ordered: bool = True,
         n_jobs: int = 1,
     ):
-        self._level, self._parts = level, parts
         self._of_given, self._n_jobs = of_given, n_jobs
         self._rows = EpisodeRows(samples, random_state, ordered)
         self._names = list(targets)
@@ -162,12 +154,11 @@ class ConditionalTest:
         columns, context = self._columns(given), self._given(given)
         targets = standardized(self._targets[:, columns])
         spaces = context.regression.tuned(targets) if columns else []
-        estimators = {
-            self._names[c]: EffectEstimator(
-                target, context.regression.basis(space), self._rows.starts
-            )
-            for c, target, space in zip(columns, targets.T, spaces, strict=True)
-        }
+        estimators = {}
+        for c, target, space in zip(columns, targets.T, spaces, strict=True):
+            basis = self._with_drift(context.regression.basis(space), target[:, None])
+            starts = self._rows.starts_of_blocks(residual(target[:, None], basis))
+            estimators[self._names[c]] = EffectEstimator(target, basis, starts)
         return estimators, context
 
     def _test(self, candidates, given) -> list[dict[str, float]]:
@@ -179,14 +170,8 @@ class ConditionalTest:
         left = self._residuals(context.regression, self._targets[:, columns])
         basis = context.regression.basis(context.regression.jointly_tuned(left))
         basis = self._with_drift(basis, left)
-        products = Products(
-            residual(left, basis),
-            basis,
-            self._rows.starts,
-            self._rows.shifts,
-            self._level,
-            parts=self._parts,
-        )
+        left = residual(left, basis)
+        products = Products(left, basis, self._rows.starts, self._rows.starts_of_blocks(left))
         variables = [range(k, left.shape[1], len(columns)) for k in range(len(columns))]
 
         def of_candidate(families):

@@ -39,9 +39,13 @@ def fingerprints_of_rows(values: np.ndarray) -> np.ndarray:
 
 
 def fingerprints_of_runs(values: np.ndarray) -> np.ndarray:
-    """Return a number for each run of three of the rows of values (N, k): shape (N - 2,)."""
+    """Return a number for each run of three of the rows of values (N, k): shape (N - 2,).
+
+    It is 0 where the three are equal, as those of a robot at rest.
+    """
     rows = fingerprints_of_rows(values)
-    return _of_rows(np.column_stack([rows[i : len(rows) - _RUN + 1 + i] for i in range(_RUN)]))
+    runs = np.column_stack([rows[i : len(rows) - _RUN + 1 + i] for i in range(_RUN)])
+    return np.where((runs == runs[:, :1]).all(axis=1), np.uint64(0), _of_rows(runs))
 
 
 def _of_rows(words: np.ndarray) -> np.ndarray:

@@ -17,7 +17,7 @@ _LOOKS_A_DOUBLING = 1.5
 _PACE = 2.0
 
 
-def level_of_look(significance: float, num_seen: int, num_first: int, buffer_size: int) -> float:
+def level_of_look(significance: float, renewals: float, num_first: int) -> float:
     """Return the level of a look at the newest episodes.
 
     With any number of earlier looks, the probability that an irrelevant sensor is ever confirmed is
@@ -27,17 +27,13 @@ def level_of_look(significance: float, num_seen: int, num_first: int, buffer_siz
     ----------
     significance : float
         Level of all looks together.
-    num_seen : int
-        Number of episodes since the task began, including those removed from the buffer.
+    renewals : float
+        How much has come in since the first episode of the task, at least 0: each doubling of the
+        number of episodes counts 1, and so does a complete replacement of those held.
     num_first : int
         Number of episodes at the first look, at least 1.
-    buffer_size : int
-        Greatest number of episodes in a look.
 
     """
-    # A doubling of the data counts as new data; so does a completely new buffer.
-    in_buffer = min(num_seen, max(buffer_size, num_first))
-    doublings = math.log2(max(in_buffer / num_first, 1.0))
-    renewals = doublings + (num_seen - in_buffer) / in_buffer
+    since_first = max(renewals - math.log2(num_first), 0.0)
     # The integral over all renewals is the significance.
-    return significance / (_LOOKS_A_DOUBLING * _PACE * (1 + renewals / _PACE) ** 2)
+    return significance / (_LOOKS_A_DOUBLING * _PACE * (1 + since_first / _PACE) ** 2)

@@ -18,7 +18,7 @@ from .effect import Effect
 from .episode import Episode
 from .kdr_selector import KDRSelector
 from .sensor_selector import SensorSelector
-from .statuses import CONFIRMED
+from .statuses import CONFIRMED, DISPENSABLE, UNDECIDED
 from .targets import RETURN
 from .thinning import ThinnedEpisodes
 
@@ -105,7 +105,7 @@ class Selection:
     target : str
         The question; see `targets`.
     gamma : float or None
-        Discount factor per step of the return.
+        Discount factor per step of the return; None with another target.
     predicted_share, predicted_share_of_all, predicted_share_of_none : float or None
         Share of the target's variance that the selected sensors, all sensors, and none predict in
         held-out episodes, each together with the step and the action.
@@ -116,6 +116,9 @@ class Selection:
     level : float or None
         The greatest p-value that confirms a sensor. A node divides its significance among all
         selections of a task.
+    losses : str
+        How the loss of episodes depended on their end; empty if it did not. Then the episodes left
+        are biased, and no sensor is dispensable.
     doubt : str
         Why it may no longer hold, such as changed data; empty if nothing suggests that.
 
@@ -138,6 +141,7 @@ class Selection:
     warnings: tuple[str, ...] = ()
     margin: float | None = None
     level: float | None = None
+    losses: str = ''
     doubt: str = ''
 
     @property
@@ -182,6 +186,7 @@ def select(
     start: Collection[str] = (),
     num_halves: int = 0,
     least_kept: int | None = None,
+    losses: str = '',
     progress: Callable[[float], None] = lambda fraction: None,
 ) -> Selection:
     """Fit the selector of a method with the given settings, and return the result.
@@ -204,6 +209,8 @@ def select(
     least_kept : int, optional
         If the task has changed, leave out the oldest episodes, but none of the newest `least_kept`.
         None, or a method without a test, leaves out none.
+    losses : str
+        As of `Selection`; it becomes a warning.
     progress : callable
         Called with the completed share.
 
@@ -243,23 +250,32 @@ def select(
         thirds = [part.mean(axis=0) for part in np.array_split(samples, 3) if len(part)]
         spreads = np.fmax(samples.std(axis=0), 2 * np.ptp(thirds, axis=0))
     stability = _stability(selector, data, options, num_halves)
+    sensors, said = _results(selector, stability), tuple(getattr(selector, 'warnings_', ()))
+    if losses:
+        said = (f'{losses}; the episodes left are biased, so no sensor is dispensable', *said)
+        sensors = tuple(
+            replace(sensor, status=UNDECIDED) if sensor.status == DISPENSABLE else sensor
+            for sensor in sensors
+        )
+    target = selector.target if method == 'conditional_mi' else RETURN
     return Selection(
         indices=tuple(selector.get_support(indices=True).tolist()),
-        sensors=_results(selector, stability),
+        sensors=sensors,
         episodes=len(data),
         steps=num_steps,
         seconds=time.perf_counter() - begin,
         means=tuple(means.tolist()),
         spreads=tuple(spreads.tolist()),
         outdated=outdated,
-        target=selector.target if method == 'conditional_mi' else RETURN,
-        gamma=getattr(selector, 'gamma', None),
+        target=target,
+        gamma=getattr(selector, 'gamma', None) if target == RETURN else None,
         predicted_share=getattr(selector, 'predicted_share_', None),
         predicted_share_of_all=getattr(selector, 'predicted_share_of_all_', None),
         predicted_share_of_none=getattr(selector, 'predicted_share_of_none_', None),
-        warnings=tuple(getattr(selector, 'warnings_', ())),
+        warnings=said,
         margin=selector.margin if _has_test(selector) else None,
         level=selector.significance if _has_test(selector) else None,
+        losses=losses,
     )
 
 

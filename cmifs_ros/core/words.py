@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from difflib import get_close_matches
+from functools import lru_cache
 
 
 def counted(count: int | str, noun: str) -> str:
@@ -31,5 +32,10 @@ def first(texts: Sequence[str]) -> str:
 
 def did_you_mean(name: str, known: Sequence[str]) -> str:
     """Return the known name most like a misspelt one, to be appended; empty if none is."""
-    found = get_close_matches(name[:100], [one[:100] for one in known], 1)
+    return _meant(name[:100], tuple(one[:100] for one in known))
+
+
+@lru_cache(maxsize=1000)  # Each of many messages may lack the same name.
+def _meant(name: str, known: tuple[str, ...]) -> str:
+    found = get_close_matches(name, known, 1)
     return f' (did you mean {found[0]!r}?)' if found else ''

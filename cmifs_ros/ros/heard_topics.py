@@ -9,6 +9,7 @@ import json
 from rclpy.node import Node
 from std_msgs.msg import String
 
+from cmifs_ros.collect.selection_fields import text_of
 from cmifs_ros.collect.sensor_topics import SensorTopics, sensor_topics_of
 from cmifs_ros.core.selection import Selection
 
@@ -22,11 +23,17 @@ class HeardTopics:
     ----------
     node : rclpy.node.Node
 
+    Attributes
+    ----------
+    losses : str
+        How the sampler's loss of episodes depended on their end; empty if it did not.
+
     """
 
     def __init__(self, node: Node):
         self._node = node
         self._newest: SensorTopics | None = None
+        self.losses = ''
         node.create_subscription(String, 'channel_topics', self._take, LATCHED_QOS)
 
     def of(self, selection: Selection) -> SensorTopics | None:
@@ -38,7 +45,9 @@ class HeardTopics:
 
     def _take(self, message: String) -> None:
         try:
-            self._newest = sensor_topics_of(json.loads(message.data))
+            fields = json.loads(message.data)
+            self._newest = sensor_topics_of(fields)
+            self.losses = text_of(fields.get('losses', ''))
         except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
             self._node.get_logger().warning(
                 f'channel_topics cannot be read: {error!r}', throttle_duration_sec=60.0

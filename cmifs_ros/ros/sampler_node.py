@@ -208,7 +208,7 @@ class SamplerNode(Node):
                     self.get_logger().error(problem)
         for line in self._status.news():
             self.get_logger().warning(line)
-        self._traffic.report(self._sampler.saving.off)
+        self._traffic.report(self._sampler.saving.off, self._sampler.ends.problem())
         statuses = [*self._status.statuses(problems), self._selected_state.status()]
         if self._saving is not None:
             statuses.append(self._saving.status())

@@ -48,6 +48,7 @@ class SamplerStatus:
         self._past: deque[dict] = deque(maxlen=_WINDOW)
         self._stepping_at: float | None = None
         self._told: Counter = Counter()  # What steps lacked at the last call.
+        self._told_losses = False
 
     def heard(self, topic: str) -> None:
         """Note that a message of a topic has arrived."""
@@ -58,7 +59,7 @@ class SamplerStatus:
         return time.monotonic() - max(self._heard_at.values(), default=-math.inf)
 
     def news(self) -> list[str]:
-        """Return log lines of what steps lack, each cause only once.
+        """Return log lines: losses that depend on the end, and what steps lack; each only once.
 
         If much is lacking at once, which mostly has one reason, such as a robot that stands still,
         there is one line.
@@ -75,7 +76,12 @@ class SamplerStatus:
         if len(causes) > _MAX_LINES:
             more = len(causes) - _MAX_LINES
             causes = [f'{"; ".join(causes[:_MAX_LINES])}; and {more} more, see /diagnostics']
-        return [f'steps lack {what}; this breaks episodes' for what in causes]
+        lines = [f'steps lack {what}; this breaks episodes' for what in causes]
+        losses = self._sampler.ends.problem()
+        if losses and not self._told_losses:
+            self._told_losses = True
+            lines.append(losses)
+        return lines
 
     def statuses(self, problems: Mapping[str, str]) -> list[DiagnosticStatus]:
         """Return a status of the steps and one for each topic.
@@ -117,12 +123,15 @@ class SamplerStatus:
             level, message = diagnostics.STALE, 'no step is due'
         elif sampler.away:
             message = f'no steps to learn from without {listed(sorted(sampler.away))}'
-        elif problem := sampler.ends.problem():
-            level, message = diagnostics.WARN, problem
         elif problems:
             level, message = diagnostics.WARN, f'topics with problems: {listed(sorted(problems))}'
         elif now['between'] - past['between'] == moments:
             message = 'between episodes: the end condition of the last one still holds'
+        if losses := sampler.ends.problem():
+            is_well = level == diagnostics.OK
+            level, message = (
+                (diagnostics.WARN, losses) if is_well else (level, f'{losses}; {message}')
+            )
         values = {
             'steps': now['steps'],
             'moments': now['moments'],

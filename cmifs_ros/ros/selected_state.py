@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import json
 import time
+from collections import deque
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.clock import Clock
@@ -30,6 +31,10 @@ from .selected_state_publisher import SelectedStatePublisher
 _REPEATED_AFTER = 10.0
 #: Seconds for which a new selection waits at most for channels of which no message is valid.
 _MAX_DELAY = 1.0
+#: Seconds, at least, without a message of the step's topic while others go on, until it is silent.
+_STEP_SILENCE = 1.0
+#: The step's topic is not silent while it pauses no more than twice as long as in this many pauses.
+_NUM_PAUSES = 20
 PARAMETERS = (
     *selected_state_publisher.PARAMETERS,
     Spec('stop_on_missing_channel', False,
@@ -60,6 +65,10 @@ class SelectedState:
         self._logged_missing: set[str] = set()  # Sensors last logged as missing.
         self._silent_until: dict[str, float] = {}  # By sensor, when to log again.
         self._is_waiting = True
+        self._heard_at = time.monotonic()
+        self._pause = 0.0  # Of the step's topic, while others went on.
+        self._pauses: deque[float] = deque(maxlen=_NUM_PAUSES)
+        self._is_stopped = False  # The step's topic is silent.
         self._num_sent = 0
         self._simulated: int | None = None
         self._is_simulated = is_simulated
@@ -92,6 +101,7 @@ class SelectedState:
 
         """
         self._newest.take(topic, message, self._now())
+        self._watch_step(topic)
         if topic == self._robot.step_topic:
             self._publish(event_time(message) or received)
 
@@ -107,10 +117,12 @@ class SelectedState:
         name = f'{self._node.get_fully_qualified_name().lstrip("/")}: selected_state'
         level, message = diagnostics.OK, 'nothing before the first selection'
         if self._selected is not None:
-            message = listed(self._newest.names)
+            message = self._selected_in_words()
         elif self._settings['pass_through_until_selected']:
             message = 'all channels, before the first selection'
-        if self._newest.missing:
+        if self._is_stopped:
+            level, message = diagnostics.WARN, self._stopped_in_words()
+        elif self._newest.missing:
             level, message = diagnostics.WARN, self._in_words(self._newest.missing)
         values = {
             'messages': self._num_sent,
@@ -121,6 +133,27 @@ class SelectedState:
 
     def _now(self) -> int:
         return (self._simulated or 0) if self._is_simulated else time.monotonic_ns()
+
+    def _watch_step(self, topic: str) -> None:
+        """Log that the step's topic, which has to be heard for each message, is silent."""
+        step, now = self._robot.step_topic, time.monotonic()
+        # If the node lags, messages of other topics may be taken first.
+        self._pause += min(now - self._heard_at, _STEP_SILENCE / 2)
+        self._heard_at = now
+        if topic == step:
+            self._pauses.append(self._pause)
+            self._pause = 0.0
+            if self._is_stopped:
+                self._is_stopped = False
+                self._node.get_logger().info(f'{step} is heard again')
+        elif step is not None and not self._is_stopped:
+            usual = max(self._pauses, default=0.0)
+            self._is_stopped = self._pause > max(_STEP_SILENCE, 2 * usual)
+            if self._is_stopped:
+                self._node.get_logger().warning(self._stopped_in_words())
+
+    def _stopped_in_words(self) -> str:
+        return f'no step: {self._robot.step_topic} is silent'
 
     def _on_timer(self) -> None:
         # Steps are at multiples of the period, live and from a bag; the two clocks drift apart.
@@ -194,4 +227,8 @@ class SelectedState:
         self._number, self._selected, self._next = number, selected, None
         self.apply()
         if is_news:
-            self._node.get_logger().info(f'selected_state is now {listed(self._newest.names)}')
+            self._node.get_logger().info(f'selected_state is now {self._selected_in_words()}')
+
+    def _selected_in_words(self) -> str:
+        names = [name for name in self._robot.channel_names if name in (self._selected or ())]
+        return listed(names) or 'empty: nothing is selected'

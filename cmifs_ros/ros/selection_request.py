@@ -30,6 +30,7 @@ def make_job(
     source: SelectorInput,
     settings: dict,
     in_use: SelectionInUse | None,
+    losses: str,
 ) -> Job:
     """Return a job for a selection from the episodes held.
 
@@ -44,6 +45,8 @@ def make_job(
         The node's parameters.
     in_use : SelectionInUse or None
         Its confirmed sensors stay unless they are dispensable now.
+    losses : str
+        As of `Selection`.
 
     Raises
     ------
@@ -66,10 +69,7 @@ def make_job(
         raise RefusedError(str(error)) from None
     if 'significance' in of_selector:
         of_selector['significance'] = level_of_look(
-            settings['significance'],
-            buffer.num_seen,
-            num_first=needed,
-            buffer_size=settings['max_episodes'],
+            settings['significance'], buffer.renewals, num_first=needed
         )
     held = buffer.snapshot()
     episodes, note = with_same_actions(held, needed)
@@ -79,6 +79,7 @@ def make_job(
     options: dict[str, Any] = {
         'start': () if in_use is None else in_use.confirmed,
         'least_kept': needed if settings['forget_outdated'] else None,
+        'losses': losses,
         'action_names': source.action_names if episodes[0].actions.size else (),
     }
     return Job(

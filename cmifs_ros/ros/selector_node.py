@@ -130,7 +130,8 @@ class SelectorNode(Node):
         self._revision += 1
         if self._output.in_use is not None:
             self._output.in_use.add(episode)
-        if self._storage is not None and not self._storage.append(episode, *self._names):
+        renewals = self._buffer.renewals
+        if self._storage is not None and not self._storage.append(episode, *self._names, renewals):
             self._save()
 
     def _on_new_channels(self) -> None:
@@ -202,6 +203,7 @@ class SelectorNode(Node):
                 source=self._input,
                 settings=self._settings,
                 in_use=self._output.in_use,
+                losses=self._output.topics.losses or self._input.assembler.builder.ends.problem(),
             )
         except UnusableDataError as error:
             self._attempt = diagnostics.WARN, str(error)
@@ -261,6 +263,7 @@ class SelectorNode(Node):
             return
         for episode in saved.episodes:
             self._buffer.append(episode)
+        self._buffer.renewals = max(self._buffer.renewals, saved.renewals)
         self._input.restore_names(saved.channel_names, saved.action_names)
         self._revision += 1
         if saved.selection is not None:
@@ -277,7 +280,16 @@ class SelectorNode(Node):
             selection, selected_at = in_use.selection, time.time() - in_use.age
         channels, actions = self._names
         episodes = self._buffer.snapshot()
-        self._storage.save(Saved(channels, episodes, selection, selected_at, action_names=actions))
+        self._storage.save(
+            Saved(
+                channels,
+                episodes,
+                selection,
+                selected_at,
+                action_names=actions,
+                renewals=self._buffer.renewals,
+            )
+        )
 
     # --- upkeep
 

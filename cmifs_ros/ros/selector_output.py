@@ -37,6 +37,7 @@ class SelectorOutput:
     ----------
     in_use : SelectionInUse or None
     relay : StateRelay
+    topics : HeardTopics
 
     """
 
@@ -48,7 +49,7 @@ class SelectorOutput:
         self._scores_publisher = node.create_publisher(JointState, 'scores', LATCHED_QOS)
         self._selection_publisher = node.create_publisher(String, 'selection', LATCHED_QOS)
         self.relay = StateRelay(node, settings)
-        self._topics = HeardTopics(node)
+        self.topics = HeardTopics(node)
         self.in_use: SelectionInUse | None = None
         self._is_of_topics = False  # Whether the published advice is about topics.
         self._last_number = 0
@@ -88,7 +89,7 @@ class SelectorOutput:
 
     def fields(self, selection: Selection) -> dict:
         """Return a selection as a dict for JSON, with the topics of its channels if known."""
-        return fields_of(selection, self._topics.of(selection))
+        return fields_of(selection, self.topics.of(selection))
 
     def apply(self) -> None:
         """Apply changed parameters."""
@@ -108,7 +109,7 @@ class SelectorOutput:
         doubt = self.in_use.doubt(problem)
         selection = dataclasses.replace(self.in_use.selection, doubt=doubt)
         # A restored selection was published before any topics could be heard.
-        is_of_topics = self._topics.of(selection) is not None
+        is_of_topics = self.topics.of(selection) is not None
         if doubt != self.in_use.selection.doubt or is_of_topics != self._is_of_topics:
             self.in_use.selection = selection
             self._publish_selection()
@@ -137,6 +138,6 @@ class SelectorOutput:
         )
 
     def _publish_selection(self) -> None:
-        self._is_of_topics = self._topics.of(self.in_use.selection) is not None
+        self._is_of_topics = self.topics.of(self.in_use.selection) is not None
         fields = self.fields(self.in_use.selection)
         self._selection_publisher.publish(String(data=json.dumps(fields)))

@@ -73,10 +73,15 @@ class SelectorStorage:
         return saved
 
     def append(
-        self, episode: Episode, channel_names: tuple[str, ...], action_names: tuple[str, ...]
+        self,
+        episode: Episode,
+        channel_names: tuple[str, ...],
+        action_names: tuple[str, ...],
+        renewals: float,
     ) -> bool:
         """Append an episode; return False if the whole file must be saved instead."""
-        return self._saver is None or self._saver.append(episode, channel_names, action_names)
+        names = channel_names, action_names
+        return self._saver is None or self._saver.append(episode, *names, renewals)
 
     def save(self, saved: Saved) -> None:
         """Replace the contents of the file. Never blocks."""

@@ -62,8 +62,17 @@ class TopicTraffic:
             self._weighed.add(topic)
             self.meter.weigh(topic, len(serialize_message(message)))
 
-    def report(self, off: frozenset[str]) -> None:
-        """Publish the rates, once a second, given the topics that are switched off."""
+    def report(self, off: frozenset[str], losses: str) -> None:
+        """Publish the rates, once a second.
+
+        Parameters
+        ----------
+        off : frozenset of str
+            The topics that are switched off.
+        losses : str
+            How the loss of episodes depended on their end; it is published, too.
+
+        """
         now = self._times()
         of_robot, seconds, cpu_seconds = (
             at - then for at, then in zip(now, self._looked_at, strict=True)
@@ -72,7 +81,7 @@ class TopicTraffic:
         self.meter.use_cpu(cpu_seconds, seconds, bool(off))
         self.meter.pass_time(of_robot, off)
         self._weighed.clear()
-        self._publish()
+        self._publish(losses)
 
     def _times(self) -> tuple[float, float, float]:
         """Return the robot's time, the elapsed time and the CPU time in seconds."""
@@ -80,7 +89,7 @@ class TopicTraffic:
         of_robot = elapsed if self._simulated is None else self._simulated.seconds
         return of_robot, elapsed, time.process_time()
 
-    def _publish(self) -> None:
+    def _publish(self, losses: str = '') -> None:
         name = self._node.resolve_topic_name
         rates = {topic: self.meter.rate(topic) for topic in self._robot.topics}
         found = SensorTopics(
@@ -88,7 +97,7 @@ class TopicTraffic:
             {name(topic): rate for topic, rate in rates.items() if rate.messages},
             tuple(map(name, self._robot.topics_for(()))),
         )
-        text = json.dumps(topic_fields(found))
+        text = json.dumps(topic_fields(found) | {'losses': losses})
         if text != self._told:
             self._told = text
             self._publisher.publish(String(data=text))

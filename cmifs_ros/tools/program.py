@@ -19,7 +19,15 @@ class CommandError(RuntimeError):
 def start(module: str, *arguments) -> int:
     """Run `main` of a module; return the exit code."""
     end_at_signals()
-    return importlib.import_module(module).main(*arguments)
+    try:
+        try:
+            return importlib.import_module(module).main(*arguments)
+        finally:
+            sys.stdout.flush()
+    except BrokenPipeError:
+        # Whoever read the output has ended, such as `head`. Python would flush to it once more.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 128 + signal.SIGPIPE
 
 
 def end_at_signals() -> None:
@@ -121,11 +129,9 @@ def exit_code(program: str, run: Callable[[], None], what_then: str = 'nothing i
     _on_signals(interrupt)
     try:
         run()
-    except (CommandError, BrokenPipeError) as error:
-        if BrokenPipeError in (type(error), type(error.__cause__)):
-            # Whoever read the output has ended, such as `head`. Python would flush to it once more.
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-            return 128 + signal.SIGPIPE
+    except CommandError as error:
+        if isinstance(error.__cause__, BrokenPipeError):
+            raise error.__cause__ from None
         print(f'{program}: {error}', file=sys.stderr)
         return 1
     except (BrokenProcessPool, KeyboardInterrupt):

@@ -12,6 +12,7 @@ from functools import partial
 from pathlib import Path
 
 from cmifs_ros.collect.discount import Discount, in_words
+from cmifs_ros.collect.episodes.end_counts import EndCounts
 from cmifs_ros.collect.episodes.episode_check import problems_of_ends, problems_of_episodes
 from cmifs_ros.collect.episodes.reward_check import problem_of_target
 from cmifs_ros.collect.outline import Outline, trace_of
@@ -24,7 +25,7 @@ from cmifs_ros.collect.sensor_groups import groups_by_name
 from cmifs_ros.collect.tables.roles import Roles
 from cmifs_ros.core import ConditionalMISelector
 from cmifs_ros.core.selection import select
-from cmifs_ros.core.targets import ACTION, RETURN, TARGETS
+from cmifs_ros.core.targets import ACTION, DECISION, RETURN, TARGETS
 from cmifs_ros.core.words import counted, first, listed
 
 from .arguments import (
@@ -263,6 +264,11 @@ def _select(
     settings['groups'] = groups_by_name(pool.channel_names)
     if target == RETURN:
         settings['gamma'] = _gamma(pool, robot, options)
+    elif options.gamma or options.half_life or (robot and robot.discount):
+        print(
+            f'note: the discount is not used: with the target {target}, what counts is the '
+            f'{"reward" if target == DECISION else "action"} of a step, not the return'
+        )
     try:
         episodes = recordings.thinned(pool, ConditionalMISelector(**settings))
         problem = problem_of_target(episodes, target)
@@ -274,6 +280,7 @@ def _select(
             episodes, pool.channel_names, 'conditional_mi', settings,
             action_names=pool.action_names, ordered=options.order == 'time',
             num_halves=options.stability,
+            losses=sum((one.end_counts for one in facts), EndCounts()).problem(),
         )  # fmt: skip
     except ValueError as error:  # from the settings or the episodes
         raise CommandError(str(error)) from error

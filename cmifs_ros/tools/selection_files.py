@@ -77,7 +77,7 @@ def write_files(
         written.append(options.episodes_file)
     if options.topics:
         options.topics.parent.mkdir(parents=True, exist_ok=True)
-        options.topics.write_text(_record_arguments(advice, robot, data.facts) + '\n')
+        options.topics.write_text(_record_arguments(advice, data.facts) + '\n')
         written.append(options.topics)
     if options.report:
         page = write_report(
@@ -103,10 +103,11 @@ def _topics(facts: list[RecordedEpisodes], robot: RobotFile | None) -> SensorTop
     return SensorTopics(robot.channel_topics, rates, robot.topics_for(()))
 
 
-def _record_arguments(advice: Advice, robot: RobotFile, facts: list[RecordedEpisodes]) -> str:
+def _record_arguments(advice: Advice, facts: list[RecordedEpisodes]) -> str:
     """Return arguments of `ros2 bag record` for all topics except those that can go."""
     gone = {item.name for item in advice.can_go}
-    topics = [topic for topic in robot.topics if topic not in gone]
+    kept = (topic for one in facts for name, topic in one.topics.items() if name not in gone)
+    topics = list(dict.fromkeys(kept))
     topics += [CLOCK] if any(one.traffic.is_simulated for one in facts) else []
     hidden = ['--include-hidden-topics'] if any('/_' in topic for topic in topics) else []
     return ' '.join([*hidden, '--topics', *topics])

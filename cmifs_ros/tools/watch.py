@@ -138,7 +138,9 @@ def run(node: Node, console: Console, report: Path | None) -> int:
                 raise CommandError('interrupted; nothing is written')
             _write_report(watcher.look(), report)
             return 0
-        console.print(view(watcher.look(), console))
+        with console.capture() as captured:  # Rich would end the process where nobody reads.
+            console.print(view(watcher.look(), console))
+        print(captured.get(), end='', flush=True)
         return 0 if watcher.snapshot.selector or watcher.snapshot.sampler else 1
     with Live(console=console, auto_refresh=False, screen=True) as live:
         shown_at = 0.0
@@ -198,6 +200,8 @@ def main(arguments: list[str] | None = None, program: str = 'watch') -> int:
             file=sys.stderr,
         )
         return 2
+    except BrokenPipeError:
+        raise
     except (CommandError, OSError) as error:
         print(f'{program}: {error}', file=sys.stderr)
         return 1

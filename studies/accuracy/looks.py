@@ -2,10 +2,11 @@
 
 """Repeated selections: how often an irrelevant sensor is ever confirmed.
 
-Ten channels and the rewards are independent. Like the selector node, each look takes the newest
-episodes, at the level from `core.looks`, and begins with the sensors confirmed before. A second
-table, with one relevant sensor, shows how many more episodes this needs than a single look at the
-full level.
+Ten channels and the rewards are independent. Like the selector node, each look takes the episodes
+of a buffer, at the level from `core.looks`, begins with the sensors confirmed before, and forgets
+the episodes from before a change of the task, which here is always a false alarm. A second table,
+with one relevant sensor, shows how many more episodes this needs than a single look at the full
+level.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import sys
 import numpy as np
 from joblib import Parallel, delayed
 
+from cmifs_ros.collect.episodes.buffer import EpisodeBuffer
 from cmifs_ros.core import Episode
 from cmifs_ros.core.looks import level_of_look
 from cmifs_ros.core.selection import select
@@ -39,28 +41,33 @@ def episode_of(seed: int, number: int, weight: float) -> Episode:
 
 def confirmed_at_looks(
     seed: int, weight: float, options: argparse.Namespace, *, spends: bool
-) -> list[set[str]]:
-    """Return what is confirmed at each look; without spending, each look has the full level."""
+) -> tuple[list[tuple[str, ...]], int]:
+    """Return what is confirmed at each look, and how often a change of the task was found.
+
+    Without spending, each look is on its own and has the full level.
+    """
     names = [f'x{i}' for i in range(_NUM_CHANNELS)]
-    episodes: list[Episode] = []
-    confirmed: set[str] = set()
-    looks = []
-    for look in range(1, options.looks + 1):
-        while len(episodes) < look * options.every:
-            episodes.append(episode_of(seed, len(episodes), weight))
-        newest = episodes[-options.buffer :]
-        level = _SIGNIFICANCE
+    buffer = EpisodeBuffer(max(options.buffer, options.every))
+    start: tuple[str, ...] = ()
+    looks, num_changes = [], 0
+    for look in range(options.looks):
+        for number in range(look * options.every, (look + 1) * options.every):
+            buffer.append(episode_of(seed, number, weight))
+        held, level, chosen = buffer.snapshot(), _SIGNIFICANCE, {}
         if spends:
-            level = level_of_look(level, len(episodes), options.every, options.buffer)
-        settings = {'significance': level, 'random_state': look}
-        start = confirmed if spends else ()
-        selection = select(newest, names, 'conditional_mi', settings, start=start)
-        confirmed = set(selection.confirmed)
-        looks.append(confirmed)
-    return looks
+            level = level_of_look(level, buffer.renewals, options.every)
+            chosen = {'start': start, 'least_kept': options.every}
+        selection = select(held, names, 'conditional_mi', {'significance': level}, **chosen)
+        if selection.outdated:
+            num_changes += 1
+            buffer.forget(held[: selection.outdated])
+        if selection.indices:  # Else the one before stays in use.
+            start = selection.confirmed
+        looks.append(selection.confirmed)
+    return looks, num_changes
 
 
-def first_look(looks: list[set[str]], name: str) -> float:
+def first_look(looks: list[tuple[str, ...]], name: str) -> float:
     """Return the number of the first look at which a sensor is confirmed; inf if none."""
     return next((i + 1 for i, found in enumerate(looks) if name in found), np.inf)
 
@@ -77,7 +84,7 @@ def run(options: argparse.Namespace) -> None:
         spent, whole = of_all(_WEIGHT, True), of_all(_WEIGHT, False)
         pairs = [
             (first_look(a, 'x0') * options.every, first_look(b, 'x0') * options.every)
-            for a, b in zip(spent, whole, strict=True)
+            for (a, _), (b, _) in zip(spent, whole, strict=True)
         ]
         print('episodes until the relevant sensor is confirmed, and at the full level:')
         for by_spending, by_whole in pairs:
@@ -85,7 +92,8 @@ def run(options: argparse.Namespace) -> None:
         ratio = np.median([a / b for a, b in pairs])
         print(f'median ratio: {ratio:.2f}')
     runs = of_all(0.0, True)
-    ever = sum(any(looks) for looks in runs)
+    print(f'changes of the task found: {sum(num_changes for _, num_changes in runs)}')
+    ever = sum(any(looks) for looks, _ in runs)
     print(f'ever confirmed: {ever} of {len(runs)} runs, {options.looks} looks each')
 
 

@@ -45,6 +45,24 @@ RESET = parse_robot_file(
 )
 
 
+@pytest.mark.parametrize('count', [2, 3, 4])
+def test_what_nodes_publish_in_turn_is_in_a_robot_file_however_long_the_bag(tmp_path, count):
+    kinds = STORE.types
+    messages = []
+    for k in range(1000 * count):
+        value = kinds['diagnostic_msgs/msg/KeyValue']('temperature', f'{k / 7:.2f}')
+        status = kinds['diagnostic_msgs/msg/DiagnosticStatus'](
+            0, f'node{k % count}', 'a message', 'its hardware', [value]
+        )
+        header = kinds['std_msgs/msg/Header'](time_of(k * SECOND // 100), '')
+        array = kinds['diagnostic_msgs/msg/DiagnosticArray'](header, [status])
+        messages.append((k * SECOND // 100, '/diagnostics', array))
+    text = robot_file_of_bag(write(tmp_path / 'bag', messages))
+    for number in range(count):
+        assert f'"/diagnostics.status{{node{number}}}.values{{temperature}}.value"' in text
+    assert robot_file_of_bag(tmp_path / 'bag') == text
+
+
 @pytest.mark.parametrize('has_clock', [True, False])
 @pytest.mark.parametrize('seconds', [3, 70])
 def test_a_simulation_that_is_reset_after_each_episode(tmp_path, seconds, has_clock):

@@ -57,6 +57,7 @@ def selections(draw):
         predicted_share_of_none=draw(st.none() | numbers),
         margin=draw(st.none() | st.floats(0, 1, exclude_min=True, exclude_max=True)),
         warnings=tuple(draw(st.lists(st.text(max_size=1000), max_size=3))),
+        losses=draw(st.text(max_size=1000)),
     )
 
 
@@ -109,6 +110,7 @@ def test_the_longest_name_can_be_predicted():
         ({'margin': []}, 'list'),
         ({'margin': 0}, 'margin 0.0; expected 0 < margin < 1'),
         ({'warnings': 'beware'}, 'str instead of a list'),
+        ({'losses': 7}, '7 instead of a text of at most 1000'),
         ({'warnings': [7]}, '7 instead of a text of at most 1000'),
         ({'warnings': ['x' * 1001]}, 'instead of a text of at most 1000'),
         ({'doubt': '\ud800'}, 'surrogates'),

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from cmifs_ros.core import ConditionalMISelector, Episode
-from cmifs_ros.core.data_checks import independent_episodes
+from cmifs_ros.core.drift import independent_episodes
 
 
 def told(episodes, target='return', **options):

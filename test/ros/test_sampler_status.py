@@ -72,3 +72,59 @@ def test_what_steps_lack_is_logged_once_and_in_one_line_if_it_is_much(
         assert lines == [f'steps lack {said}; and 2 more, see /diagnostics; this breaks episodes']
     else:
         assert lines == [f'steps lack {name}: no message; this breaks episodes' for name in 'bcd']
+
+
+def test_losses_that_depend_on_the_end_are_logged_once_and_told_beside_what_steps_lack(
+    monkeypatch,
+):
+    now = [0.0]
+    monkeypatch.setattr(sampler_status.time, 'monotonic', lambda: now[0])
+    robot = parse_robot_file(
+        'step: {topic: /a}\nreward: a\n'
+        'channels: {a: /a.data, b: {path: /b.data, max_age: 0.5}, '
+        'c: {path: /c.data, max_age: 0.5}}\n'
+        'values: {hit: {path: /hit.data, max_age: .inf}, home: {path: /home.data, max_age: .inf}}\n'
+        'episode: {terminated: hit, truncated: home}\n'
+    )
+    sampler = Sampler(robot)
+    status = SamplerStatus('sampler', sampler, dict.fromkeys(robot.topics, 1.0))
+    lines, messages = [], []
+    for second in range(120):
+        now[0], place = float(second), second % 10
+        has_failed = second // 10 % 2
+        ends = {'/hit': has_failed and place == 8, '/home': not has_failed and place == 8}
+        is_dark = has_failed and 3 <= place < 9
+        said = ends | {'/a': 1.0} | ({} if is_dark else {'/b': 1.0, '/c': 2.0})
+        for topic, value in said.items():
+            sampler.add(topic, Message(data=float(value)), second * SECOND)
+        lines += status.news()
+        messages.append(status.statuses({})[0].message)
+    told = [line for line in lines if line.startswith('dropped')]
+    assert len(told) == 1
+    assert 'episodes that ended by `terminated`: a step lacks b, c; none of 3 is left' in told[0]
+    both = [message for message in messages if message.startswith('dropped')]
+    assert 'none of 6 is left' in both[-1]
+    assert any(' lack ' in message for message in both)
+    assert any(message.endswith('ended otherwise') for message in both)
+
+
+def test_of_messages_that_come_too_late_it_says_so(monkeypatch):
+    now = [0.0]
+    monkeypatch.setattr(sampler_status.time, 'monotonic', lambda: now[0])
+    robot = parse_robot_file(ROBOT % 'b: /b.data, c: /c.data')
+    sampler = Sampler(robot, max_lateness=0.5)
+    status = SamplerStatus('sampler', sampler, dict.fromkeys(robot.topics, 1.0))
+    lines = []
+
+    def say(topic, seconds):
+        header = Message(stamp=Message(sec=int(seconds), nanosec=0))
+        sampler.add(topic, Message(header=header, data=1.0), 0)
+
+    for second in range(100, 120):
+        now[0] = float(second)
+        say('/a', second)
+        say('/b', second - 3)
+        say('/c', second if second < 108 else second - 3)  # It has been in time before.
+        lines += status.news()
+    said = 'its messages come later than steps can wait; this breaks episodes'
+    assert lines == [f'steps lack {name}: {said}' for name in 'bc']

@@ -151,6 +151,27 @@ def test_full_places_stopping_and_nothing_before_the_selection(start, robot, rob
     assert all(msg.position[1] == 5 for msg in robot.selected)
 
 
+def test_it_says_so_if_the_topic_of_the_steps_is_silent_or_nothing_is_selected(
+    start, robot, robot_file, select
+):
+    sampler = start('sampler_node', robot_file=robot_file, layout='full')
+    topics = Topics(robot, a=1.0, b=2.0, c=3.0, step=0.0)
+    select(7, 'c', 'b')
+    robot.until(lambda: robot.diagnostics.get(SELECTED, ())[:2] == (OK, 'b, c'))
+    assert 'selected_state is now b, c\n' in sampler.output
+    topics.silence('step')
+    said = 'no step: /step is silent'
+    robot.until(lambda: robot.diagnostics[SELECTED][:2] == (WARN, said))
+    assert said in sampler.output
+    topics.speak('step', 0.0)
+    robot.until(lambda: robot.diagnostics[SELECTED][:2] == (OK, 'b, c'))
+    assert '/step is heard again' in sampler.output
+    select(8)
+    said = 'empty: nothing is selected'
+    robot.until(lambda: robot.diagnostics[SELECTED][:2] == (OK, said))
+    assert f'selected_state is now {said}' in sampler.output
+
+
 def test_a_selection_made_before_the_sampler_was_started_counts(start, robot, robot_file, select):
     select(7, 'b')
     start('sampler_node', robot_file=robot_file)

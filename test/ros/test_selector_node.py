@@ -55,7 +55,7 @@ def test_the_service_gives_what_the_selector_finds_on_the_same_episodes(start, r
     assert reply.success, reply.message
     found = json.loads(reply.message)
 
-    level = level_of_look(0.05, num_seen=25, num_first=20, buffer_size=100)
+    level = level_of_look(0.05, renewals=np.log2(25), num_first=20)
     own = ConditionalMISelector(2, random_state=3, significance=level).fit(episodes, names=names)
     assert found['indices'] == own.get_support(indices=True).tolist()
     assert found['names'] == own.get_feature_names_out().tolist()

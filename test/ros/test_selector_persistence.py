@@ -117,6 +117,55 @@ def test_a_killed_selector_comes_back_with_its_episodes_and_its_selection(start_
     robot.until(lambda: sorted(os.listdir(path.parent)) == ['episodes', 'episodes.lock'])
 
 
+def test_what_the_sampler_has_lost_by_its_end_is_a_warning_and_nothing_can_go(start_selector, path):
+    _, robot = start_selector(num_features=0)
+    sampler = robot.node.create_publisher(String, 'channel_topics', LATCHED_QOS)
+    fields = topic_fields(SensorTopics({name: f'/{name}' for name in NAMES}, {}, ()))
+    robot.publish_episodes(numbered(range(40)), NAMES)
+    robot.wait_for_episodes(40)
+
+    def look():
+        return json.loads(robot.call(robot.select_client).message)
+
+    for losses in ('dropped 12 episodes that ended by `aborted`', ''):
+        sampler.publish(String(data=json.dumps(fields | {'losses': losses})))
+        robot.until(lambda losses=losses: look()['losses'] == losses)
+        found = look()
+        assert found['advice']['keep'] == ['/c']
+        warnings = [warning for warning in found['warnings'] if 'are biased' in warning]
+        assert [warning.partition(';')[0] for warning in warnings] == [losses] * bool(losses)
+        assert not (losses and found['advice']['can_go'])
+
+
+def test_a_restart_gives_no_level_back(start_selector, path):
+    def look(robot):
+        return json.loads(robot.call(robot.select_client).message)['level']
+
+    bounds = {'min_episodes': 4, 'max_episodes': 8}
+    node, robot = start_selector(**bounds)
+    stamp = robot.publish_episodes(numbered(range(8)), NAMES)
+    robot.wait_for_episodes(8)
+    levels = [look(robot)]
+    stamp = robot.publish_episodes(numbered(range(8, 60)), NAMES, begin=stamp)
+    robot.until(lambda: saved_numbers(path)[-1:] == [59])
+    levels.append(look(robot))
+    kill(node)
+    node, robot = start_selector(**bounds)
+    robot.wait_for_episodes(8)
+    levels.append(look(robot))
+    robot.publish_episodes(numbered([60]), NAMES, begin=stamp)
+    robot.until(lambda: saved_numbers(path)[-1:] == [60])
+    levels.append(look(robot))
+    # One doubling since the first possible look, then 52 and 53 episodes in a buffer of 8.
+    renewals = np.array([1, 1 + 52 / 8, 1 + 52 / 8, 1 + 53 / 8])
+    whole = 0.05 / 3
+    np.testing.assert_allclose(levels, whole / (1 + renewals / 2) ** 2)
+    robot.call(robot.clear_client)
+    robot.publish_episodes(numbered(range(61, 65)), NAMES, begin=stamp + 100)
+    robot.wait_for_episodes(4)
+    assert look(robot) == pytest.approx(whole)  # another task
+
+
 def test_killed_at_any_moment_at_most_the_unfinished_episode_is_lost(start_selector, path):
     sent = 0
     for attempt in range(4):

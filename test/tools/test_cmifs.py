@@ -2,7 +2,9 @@
 
 """The command `cmifs`, which pip installs, and `python3 -m cmifs_ros`: without ROS."""
 
+import os
 import re
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -69,6 +71,19 @@ def test_the_demo_needs_no_ros(tmp_path):
     assert 'selected x, y: 2 of 14 sensors\n2 of the 2 that matter in this world' in said
     assert picture.read_bytes().startswith(b'\x89PNG')
     assert max(len(line) for line in said.splitlines() if str(tmp_path) not in line) <= 80
+
+
+@pytest.mark.parametrize('arguments', [('select', '--help'), ('demo', '--episodes', '12')])
+def test_where_nobody_reads_its_output_it_ends_in_silence(tmp_path, arguments):
+    environment = {k: v for k, v in os.environ.items() if k != 'PYTHONUNBUFFERED'}
+    process = subprocess.Popen(
+        [sys.executable, '-m', 'cmifs_ros', *arguments],
+        cwd=tmp_path, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+    )  # fmt: skip
+    process.stdout.close()
+    assert process.stderr.read() == b''
+    process.stderr.close()
+    assert process.wait(60) == 128 + signal.SIGPIPE
 
 
 @pytest.mark.parametrize(

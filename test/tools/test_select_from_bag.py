@@ -21,9 +21,13 @@ from cmifs_ros.collect.encoders import Yaw
 from cmifs_ros.collect.episodes.file_reader import read_episodes
 from cmifs_ros.collect.robot_file.reader import parse_robot_file
 from cmifs_ros.core import ConditionalMISelector
+from cmifs_ros.core.selection import select
 from cmifs_ros.tools.make_robot_file import main as make_robot_file
 from cmifs_ros.tools.select_from_bag import main
 from studies.tasks.control import rollout_control
+
+#: The robot file with relative names of topics.
+RELATIVE = ROBOT.replace(' /', ' ')
 
 
 @pytest.fixture
@@ -233,20 +237,26 @@ def test_a_topic_that_the_bag_lacks_is_an_error(tmp_path, capsys):
 
 def test_a_relative_name_means_the_topic_in_whatever_namespace_it_was_recorded(tmp_path):
     expected = episodes_of(*write_bag(tmp_path / 'bag', 42))
-    for space in ('', '/robot1'):
-        path = tmp_path / f'bag{len(space)}'
-        with open_bag(tmp_path / 'bag') as reader, Writer(
-            path, version=9, storage_plugin=StoragePlugin.MCAP
-        ) as writer:  # fmt: skip
-            topics = {
-                topic: writer.add_connection(space + topic, info.msgtype, typestore=STORE)
-                for topic, info in reader.topics.items()
-            }
-            for connection, time, data in reader.messages(reader.topics):
-                writer.write(topics[connection.topic], time, data)
-        bag = episodes_of_bag(path, parse_robot_file(ROBOT.replace(' /', ' ')))
+    for path in (tmp_path / 'bag', in_namespace('robot1', tmp_path / 'bag')):
+        bag = episodes_of_bag(path, parse_robot_file(RELATIVE))
         assert len(bag.episodes) == len(expected) == 7
         np.testing.assert_array_equal(bag.episodes[6].states, expected[6][0])
+
+
+def test_what_is_worth_recording_has_the_names_under_which_it_was_recorded(tmp_path):
+    bags = [tmp_path / 'bag', tmp_path / 'other']
+    for seed, path in enumerate(bags):
+        write_bag(path, 150, seed=seed)
+    (tmp_path / 'robot.yaml').write_text(RELATIVE)
+    topics = tmp_path / 'topics'
+    recorded = map(str, map(in_namespace, ('one', 'two'), bags))
+    options = ['--robot', str(tmp_path / 'robot.yaml'), '--out', str(tmp_path)]
+    assert main([*recorded, *options, '--topics', str(topics)]) == 0
+    named = topics.read_text().split()
+    assert named[0] == '--topics'
+    assert {'/one/pose', '/one/pay', '/two/pose', '/two/pay'} <= set(named)
+    assert set(named[1:]) <= {f'/{s}/{t}' for s in ('one', 'two') for t in ('pose', 'pay', 'noise')}
+    assert len(set(named)) == len(named)
 
 
 def test_two_names_of_one_topic_are_an_error(tmp_path, capsys):
@@ -273,6 +283,21 @@ def test_a_field_that_a_message_lacks_is_named(tmp_path):
     robot = parse_robot_file(ROBOT.replace('{path: /noise.data}', fields))
     with pytest.raises(BagError, match=r"wind: /noise has no field 'wind'; expected one of data"):
         episodes_of_bag(tmp_path / 'bag', robot)
+
+
+def in_namespace(space, path):
+    """Write a bag anew, with its topics in a namespace, and return its path."""
+    again = path.with_name(f'{path.name}_{space}')
+    with open_bag(path) as reader, Writer(
+        again, version=9, storage_plugin=StoragePlugin.MCAP
+    ) as writer:  # fmt: skip
+        topics = {
+            topic: writer.add_connection(f'/{space}{topic}', info.msgtype, typestore=STORE)
+            for topic, info in reader.topics.items()
+        }
+        for connection, time, data in reader.messages(reader.topics):
+            writer.write(topics[connection.topic], time, data)
+    return again
 
 
 def with_clock(path):
@@ -429,7 +454,7 @@ def test_an_interruption_is_one_sentence(tmp_path, robot):
 def test_a_reader_that_stops_reading_such_as_head_ends_it_in_silence(tmp_path, robot):
     write_bag(tmp_path / 'bag', 2001)
     process = subprocess.Popen(
-        [sys.executable, '-u', '-m', 'cmifs_ros.tools.select_from_bag', str(tmp_path / 'bag'),
+        [sys.executable, '-u', '-m', 'cmifs_ros', 'select', str(tmp_path / 'bag'),
          '--robot', robot],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=dict(os.environ),
     )  # fmt: skip
@@ -579,6 +604,76 @@ def test_a_demonstration_without_a_reward_shows_what_the_action_depends_on(sort)
 def test_no_evidence_is_enough_for_a_significance_of_almost_0(sort, tmp_path):
     assert sort(rollout_control('match', 30, seed=1), SORTING, '--significance', '1e-300') == []
     assert json.loads((tmp_path / 'selection.json').read_text())['level'] == 1e-300
+
+
+DARK = """
+step: {topic: /belt}
+channels:
+  slope: "/belt.position[0]"
+  range: "/arm.position[0]"
+  light: "/arm.position[1]"
+values: {hit: "/scale.position[0]", home: "/scale.position[1]"}
+reward: "0.1 - 10 * hit"
+episode: {terminated: hit, truncated: home}
+"""
+
+
+def test_where_all_failures_are_lost_nothing_can_go_and_it_is_told(tmp_path, capsys):
+    rng, path = np.random.default_rng(4), tmp_path / 'bag'
+    types, kind = STORE.types, 'sensor_msgs/msg/JointState'
+    num_failures = 0
+    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        connections = {
+            topic: writer.add_connection(f'/{topic}', kind, typestore=STORE)
+            for topic in ('belt', 'arm', 'scale')
+        }
+        time = 100 * 10**9
+        for _ in range(90):
+            slope, length = rng.normal(), int(rng.integers(14, 24))
+            fails = bool(slope > 0)
+            num_failures += fails
+            for step in range(length + 2):  # The last two are of no episode.
+                is_end, is_dark = step == length - 1, fails and length - 10 < step < length
+                said = {
+                    'belt': [slope + 0.1 * rng.normal()],
+                    'arm': [np.nan, np.nan] if is_dark else rng.normal(size=2),
+                    'scale': [fails and is_end, step >= length or (is_end and not fails)],
+                }
+                stamp = types['builtin_interfaces/msg/Time'](*divmod(time, 10**9))
+                header = types['std_msgs/msg/Header'](stamp, '')
+                for topic, values in said.items():
+                    fields = [[], np.array(values, float), np.zeros(0), np.zeros(0)]
+                    data = STORE.serialize_cdr(types[kind](header, *fields), kind)
+                    writer.write(connections[topic], time, data)
+                time += 10**8
+    (tmp_path / 'dark.yaml').write_text(DARK)
+    out = ['--out', str(tmp_path), '--report', str(tmp_path / 'page')]
+    assert main([str(path), '--robot', str(tmp_path / 'dark.yaml'), *out]) == 0
+    said = capsys.readouterr().out
+    found = json.loads((tmp_path / 'selection.json').read_text())
+    lost = f'dropped {num_failures} episodes that ended by `terminated`: a step lacks 2 channels'
+    assert found['losses'].startswith(lost)
+    assert f'none of {num_failures} is left' in found['losses']
+    warning = 'the episodes left are biased, so no sensor is dispensable'
+    assert found['warnings'][0] == f'{found["losses"]}; {warning}'
+    words = ' '.join(said.split())
+    assert words.index(warning) < words.index('selected:')
+    assert warning in ' '.join((tmp_path / 'page' / 'index.html').read_text().split())
+    assert found['advice']['can_go'] == []
+    assert {one['name'] for one in found['advice']['undecided']} == {'/arm', '/belt'}
+    assert words.rpartition('undecided: ')[2].count('(episodes lost by their end)') == 3
+    # By these episodes alone something could go.
+    recording = episodes_of_bag(path, parse_robot_file(DARK))
+    alone = select(recording.episodes, recording.channel_names, 'conditional_mi', {})
+    assert {sensor.status for sensor in alone.sensors} & {'dispensable'}
+    assert not alone.losses
+
+
+def test_a_discount_that_the_target_does_not_use_is_told(sort, tmp_path, capsys):
+    text = SORTING + 'target: decision\ndiscount: {half_life: 20.0}\n'
+    assert sort(rollout_control('match', 30, seed=1), text) == ['hue']
+    assert 'note: the discount is not used: with the target decision' in capsys.readouterr().out
+    assert json.loads((tmp_path / 'selection.json').read_text())['gamma'] is None
 
 
 def test_the_option_target_goes_before_the_robot_file(sort):

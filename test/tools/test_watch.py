@@ -145,6 +145,13 @@ def test_into_a_pipe_it_prints_one_view_and_ends(robot):
     assert result.returncode == 0, result.stderr
     assert result.stdout.count('/selector') == 1
     assert '\x1b' not in result.stdout
+    unread = subprocess.Popen(
+        [EXECUTABLES / 'watch'], env=environment(20), stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    )
+    unread.stdout.close()
+    assert unread.stderr.read() == b''
+    unread.stderr.close()
+    assert unread.wait(60) == 128 + signal.SIGPIPE
 
 
 def test_the_sampler_beside_the_selector_is_shown_and_not_taken_for_it(start, watch, tmp_path):

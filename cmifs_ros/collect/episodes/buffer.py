@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 from collections import OrderedDict
 from collections.abc import Iterable
 
@@ -31,9 +32,9 @@ class EpisodeBuffer:
     ----------
     num_repeated : int
         Number of copies that were not kept.
-    num_seen : int
-        Number of episodes since the buffer was cleared, or old ones forgotten, including those
-        removed to make room.
+    renewals : float
+        How much has come in since the buffer was cleared, or old ones forgotten: each doubling of
+        the number held counts 1, and so does a complete replacement.
     num_clears : int
         How often it was cleared.
 
@@ -46,7 +47,8 @@ class EpisodeBuffer:
 
     def __init__(self, max_episodes: int = 100, max_bytes: int | None = None):
         self._episodes: OrderedDict[bytes, Episode] = OrderedDict()  # by digest
-        self.num_repeated = self.num_seen = self.num_clears = 0
+        self.num_repeated = self.num_clears = 0
+        self.renewals = 0.0
         self._num_steps = 0
         self._nbytes = 0
         self._max_episodes = _checked('max_episodes', max_episodes)
@@ -110,9 +112,9 @@ class EpisodeBuffer:
         if digest in self._episodes:
             self.num_repeated += 1
             return False
-        self._make_room(1, episode.nbytes)
+        if not self._make_room(1, episode.nbytes) and self._episodes:
+            self.renewals += math.log2(1 + 1 / len(self))
         self._episodes[digest] = episode
-        self.num_seen += 1
         self._num_steps += len(episode)
         self._nbytes += episode.nbytes
         return True
@@ -123,25 +125,31 @@ class EpisodeBuffer:
             held = self._episodes.pop(_digest(episode), None)
             if held is not None:
                 self._count_out(held)
-        self.num_seen = len(self)
+        self.renewals = math.log2(max(len(self), 1))
 
     def clear(self) -> None:
         """Remove all episodes."""
         self._episodes.clear()
-        self._num_steps = self._nbytes = self.num_seen = 0
+        self._num_steps = self._nbytes = 0
+        self.renewals = 0.0
         self.num_clears += 1
 
     def snapshot(self) -> tuple[Episode, ...]:
         """Return the episodes held now, oldest first; later changes do not affect the result."""
         return tuple(self._episodes.values())
 
-    def _make_room(self, num_episodes: int, nbytes: int) -> None:
+    def _make_room(self, num_episodes: int, nbytes: int) -> bool:
+        """Remove the oldest until there is room; return whether any was removed."""
+        num_before = len(self)
         while self._episodes and (
             len(self._episodes) + num_episodes > self.max_episodes
             or (self.max_bytes is not None and self._nbytes + nbytes > self.max_bytes)
         ):
             _, oldest = self._episodes.popitem(last=False)
             self._count_out(oldest)
+        num_removed = num_before - len(self)
+        self.renewals += num_removed / max(num_before, 1)
+        return num_removed > 0
 
     def _count_out(self, episode: Episode) -> None:
         self._num_steps -= len(episode)

@@ -30,6 +30,16 @@ class EndCounts:
         self.lost: dict[str, Counter[str]] = {}
         self.shortened: dict[str, Counter[str]] = {}
 
+    def __add__(self, other: EndCounts) -> EndCounts:
+        """Return the counts of two recordings together."""
+        total = EndCounts()
+        for one in (self, other):
+            total.ended.update(one.ended)
+            for counts, of_one in ((total.lost, one.lost), (total.shortened, one.shortened)):
+                for kind, reasons in of_one.items():
+                    counts.setdefault(kind, Counter()).update(reasons)
+        return total
+
     def add(self, kind: str) -> None:
         """Count a complete episode."""
         self.ended[kind] += 1

@@ -141,10 +141,13 @@ def set_aside(path: str | os.PathLike) -> str:
     return aside
 
 
-def record(episode: Episode) -> bytes:
-    """Return the bytes that append an episode to a file with its channels and actions."""
+def record(episode: Episode, renewals: float = 0.0) -> bytes:
+    """Return the bytes that append an episode to a file with its channels and actions.
+
+    `renewals` is that of the buffer with this episode.
+    """
     source = episode.source.encode(errors='surrogateescape')
-    header = RecordHeader(len(episode), episode.actions.shape[1], len(source)).packed()
+    header = RecordHeader(len(episode), episode.actions.shape[1], len(source), renewals).packed()
     content = b''.join([header, source, *_arrays(episode)])
     return content + hashlib.sha256(content).digest()
 
@@ -161,6 +164,7 @@ def _chunks(saved: Saved) -> Iterator[bytes]:
         'actions': saved.action_names,
         'sources': list(places),
         'episodes': [(len(e), e.actions.shape[1], places[e.source]) for e in saved.episodes],
+        'renewals': saved.renewals,
         'selection': selection
         and fields_of(selection) | {'means': selection.means, 'spreads': selection.spreads},
         'selected_at': saved.selected_at,

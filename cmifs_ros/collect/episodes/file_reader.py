@@ -29,6 +29,7 @@ from .file_format import (
     READABLE,
     VALUE,
     VERSION,
+    WITH_ACTIONS,
     RecordHeader,
     Saved,
     record_header_size,
@@ -75,6 +76,7 @@ class _Place(NamedTuple):
     length: int
     num_actions: int = 0
     source: str = ''
+    renewals: float = 0.0
 
     def nbytes(self, num_channels: int) -> int:
         """Return the size of its arrays."""
@@ -92,15 +94,18 @@ def _read(file: BinaryIO, max_episodes: int | None, max_bytes: float) -> Saved:
     try:
         header = json.loads(line)
         channel_names = names_of(header['channels'], MAX_CHANNELS)
-        action_names = names_of(header['actions'], MAX_CHANNELS) if version == VERSION else ()
+        action_names = names_of(header['actions'], MAX_CHANNELS) if version >= WITH_ACTIONS else ()
         described = _described(header, version, len(action_names))
         selection, fields = None, header['selection']
-        is_read = version == VERSION and fields is not None
+        is_read = version >= WITH_ACTIONS and fields is not None
         if is_read and fields['version'] == selection_fields.VERSION:
             selection = selection_of(fields)
             if not selection.names:
                 raise ValueError('a selection without channels')
         selected_at = float(header['selected_at'])
+        renewals = float(header['renewals']) if version == VERSION else 0.0
+        if not 0 <= renewals < math.inf:
+            raise ValueError(f'renewals {renewals}')
     except (ValueError, TypeError, LookupError, RecursionError, OverflowError) as error:
         raise RefusedFileError(f'has an invalid header: {error!r}') from None
     if described and not channel_names:
@@ -119,17 +124,21 @@ def _read(file: BinaryIO, max_episodes: int | None, max_bytes: float) -> Saved:
     end += DIGEST_SIZE
     while found := _next_record(file, version, len(channel_names), len(action_names)):
         places.append(found)
+        renewals = max(renewals, found.renewals)
         end = file.tell()
     try:
         episodes = _newest(file, places, len(channel_names), max_bytes)
     except ValueError as error:
         raise RefusedFileError(f'has an invalid episode: {error}') from None
-    return Saved(channel_names or None, episodes, selection, selected_at, size - end, action_names)
+    torn_bytes = size - end
+    return Saved(
+        channel_names or None, episodes, selection, selected_at, torn_bytes, action_names, renewals
+    )
 
 
 def _described(header: dict, version: int, num_actions: int) -> list[tuple[int, int, str]]:
     """Return length, number of action values and source of each episode before the records."""
-    if version < VERSION:
+    if version < WITH_ACTIONS:
         return [(count_of(length, 1), 0, '') for length in list_of(header['lengths'])]
     sources = list_of(header['sources'])
     if not all(isinstance(source, str) for source in sources):
@@ -176,6 +185,7 @@ def _next_record(
         or header.length < 1
         or not num_channels
         or header.num_actions not in (0, num_actions)
+        or not 0 <= header.renewals < math.inf
     ):
         raise RefusedFileError(f'is corrupt: at byte {begin} there is no record of an episode')
     place = _Place(begin + header_size + header.source_size, header.length, header.num_actions)
@@ -184,7 +194,7 @@ def _next_record(
         return None
     source = file.read(header.source_size).decode(errors='surrogateescape')
     _check_digest(file, begin, end)
-    return place._replace(source=source)
+    return place._replace(source=source, renewals=header.renewals)
 
 
 def _newest(

@@ -88,15 +88,19 @@ class EpisodeSaver:
         episode: Episode,
         channel_names: tuple[str, ...],
         action_names: tuple[str, ...] = (),
+        renewals: float = 0.0,
     ) -> bool:
-        """Append an episode to the file; return False if everything must be saved instead."""
+        """Append an episode to the file; return False if everything must be saved instead.
+
+        `renewals` is that of the buffer with this episode.
+        """
         names = channel_names, action_names
         with self._condition:
             saves = [save for save in (self._pending, self._writing) if save is not None]
             newest = saves[0].saved if saves else self._file
             if self.error or newest is None or _names(newest) != names:
                 return False
-            record = episode_file.record(episode)
+            record = episode_file.record(episode, renewals)
             for save in saves:
                 if _names(save.saved) == names:
                     save.records.append(record)

@@ -67,6 +67,11 @@ class FieldPath:
             return tuple(f'[{index}]' for index in self.indices)
         return ('',)
 
+    @property
+    def selects(self) -> bool:
+        """Whether it selects entries that a message of other things lacks, such as other joints."""
+        return bool(self.names) or any(field[0] in '{[' for field in self.fields)
+
     def __str__(self) -> str:
         """Return the path without its last field."""
         parts = (part if part[0] in '{[' else f'.{part}' for part in self.fields)
@@ -185,9 +190,11 @@ def names_beside(values, above: Sequence) -> list[str] | None:
 
 def _called(text: str, entries: Sequence, above: Sequence):
     """Return the message with a name in an array, or None."""
+    keys = [key for key in KEYS if any(hasattr(entry, key) for entry in entries[:1])]
     for entry in entries:
-        if any(getattr(entry, key, None) == text for key in KEYS):
-            return entry
+        for key in keys:
+            if getattr(entry, key) == text:
+                return entry
     names = names_beside(entries, above)
     return entries[names.index(text)] if names and text in names else None
 

@@ -23,7 +23,7 @@ from .own_topics import Trace, is_own_entry
 #: Values taken of a longer array, evenly spaced; messages taken of an array without names, the
 #: first ones.
 MAX_SLICE, MAX_INDEXED = 12, 4
-#: About how many messages of a topic are read, evenly spaced.
+#: About how many messages of a topic are read.
 MAX_LOOKS = 1000
 #: Fields of a topic.
 MAX_FIELDS = 200

@@ -62,10 +62,25 @@ class EpisodeEnds:
         """Whether an episode may begin; with an action, only during a goal."""
         return self._robot.action is None or self._goal is not None
 
-    @property
-    def is_announced(self) -> bool:
-        """Whether a message has announced an end since the last step."""
-        return any(self._events.values())
+    def is_due(self, values: Mapping, before: Mapping) -> bool:
+        """Return whether a message since the last step has announced an end, or made it true.
+
+        A condition that would be true without any message, such as of a number of steps, does not
+        count: it needs its step.
+
+        Parameters
+        ----------
+        values, before : mapping of str to float
+            Values by now and at the last step, including `step`.
+
+        """
+        silent = {**before, 'step': values['step']}
+        rules = [getattr(self._robot, end) for end in ENDS]
+        return any(self._events.values()) or any(
+            _is_true(rule(values, before)) and not _is_true(rule(silent, before))
+            for rule in rules
+            if isinstance(rule, Expression)
+        )
 
     @property
     def goal_ends(self) -> dict[str, float]:
@@ -126,3 +141,7 @@ class EpisodeEnds:
         # Between episodes, momentary events are over: a message of a topic, the end of a goal.
         may_hold = is_open or (isinstance(rule, FieldPath) and bool(rule.fields))
         return self._holds[end] or (may_hold and self._events[end])
+
+
+def _is_true(value: float) -> bool:
+    return bool(value) and not math.isnan(value)

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Iterable, Mapping, Sequence
 
@@ -65,3 +66,11 @@ class HeldValues:
         if summary is not None and cause is None:
             held = summary.take_of(held)
         return held, cause
+
+    def peek(self, source: Source, time: int) -> tuple[Sequence[float], str | None]:
+        """Return what `of` would; no summary starts over."""
+        summary = copy.deepcopy(self._summaries.get(source.name))
+        found = self.of(source, time)
+        if summary is not None:
+            self._summaries[source.name] = summary
+        return found

@@ -15,6 +15,7 @@ from .event_order import SECOND
 
 #: Why a step lacks a value.
 NEVER, NOT_YET, SILENT = 'no message', 'no message yet', 'silent'
+_LATE = 'its messages come later than steps can wait'
 _NAN, _INFINITE, NO_VALUE = 'it is NaN', 'it is infinite', 'it has no value'
 _UNLISTED = 'its category is not listed in one_hot'
 
@@ -56,6 +57,8 @@ class MissingValues:
     sources : iterable of Source
     received : mapping of str to int
         Number of messages by topic, usable or not; it is only read.
+    late : mapping of str to int
+        Number of those that were too late; it is only read.
 
     Attributes
     ----------
@@ -64,17 +67,20 @@ class MissingValues:
 
     """
 
-    def __init__(self, sources: Iterable[Source], received: Mapping[str, int]):
+    def __init__(
+        self, sources: Iterable[Source], received: Mapping[str, int], late: Mapping[str, int]
+    ):
         self._sources = {source.name: source for source in sources}
-        self._received = received
+        self._received, self._late = received, late
         self.counts: Counter[tuple[str, str]] = Counter()
-        self._spoken: dict[str, tuple[int, int, int]] = {}  # Count, first, last time.
+        # By topic: count, first and last time, and how many were late by then.
+        self._spoken: dict[str, tuple[int, int, int, int]] = {}
         self._useful: set[str] = set()
 
     def heard(self, topic: str, stamp: int, names: Iterable[str]) -> None:
         """Note the time of a message and the sources for which it has a value."""
-        count, first, _ = self._spoken.get(topic, (0, stamp, stamp))
-        self._spoken[topic] = (count + 1, first, stamp)
+        count, first, _, _ = self._spoken.get(topic, (0, stamp, stamp, 0))
+        self._spoken[topic] = (count + 1, first, stamp, self._late[topic])
         self._useful.update(names)
 
     def forget_times(self) -> None:
@@ -144,9 +150,13 @@ class MissingValues:
         if why not in (NEVER, SILENT):
             return why
         source = self._sources[name]
+        count, first, newest, late = self._spoken.get(source.path.topic, (0, 0, 0, 0))
+        if why == NEVER and name in self._useful:
+            return NOT_YET
+        if self._late[source.path.topic] > late:
+            return _LATE
         if why == NEVER:
-            return NOT_YET if name in self._useful else self._never_usable(source)
-        count, first, newest = self._spoken.get(source.path.topic, (0, 0, 0))
+            return self._never_usable(source)
         period = (newest - first) / SECOND / (count - 1) if count > 1 else 0.0
         if period > source.max_age:
             return f'its messages come every {period:.3g} s, max_age is {source.max_age:g} s'

@@ -42,10 +42,14 @@ class NewestValues:
     """
 
     def __init__(self, robot: RobotFile):
-        self._robot = robot
         self._held = HeldValues()
+        self._sources = [source for source in robot.sources if source.role == CHANNEL]
         self._by_topic: dict[str, list[Source]] = {}
-        self._received: dict[str, tuple[int, object]] = {}  # By topic, its newest message.
+        # For selections to come, the newest message of each topic is kept unread. But where several
+        # nodes fill a topic, it may lack the entries that a source selects: these are read at once.
+        self._received: dict[str, tuple[int, object]] = {}  # By topic.
+        self._selecting = {source.name for source in self._sources if source.path.selects}
+        self._entries: dict[str, tuple[int, list[float]]] = {}  # By source of these.
         self._begun: int | None = None  # Time of the first `state` with a message.
         self._is_waiting = True
         self._last = self._set_back = 0
@@ -67,32 +71,45 @@ class NewestValues:
         place = {name: i for i, name in enumerate(names) if name in selected}
         self._places = [
             (source, [(i, place[name]) for i, name in enumerate(source.names) if name in place])
-            for source in self._robot.sources
-            if source.role == CHANNEL and not place.keys().isdisjoint(source.names)
+            for source in self._sources
+            if not place.keys().isdisjoint(source.names)
         ]
-        self._by_topic = {}
-        for source, _ in self._places:
-            self._by_topic.setdefault(source.path.topic, []).append(source)
         self._held.follow(source for source, _ in self._places)
+        read = self._selecting | {source.name for source, _ in self._places}
+        self._by_topic = {}
+        for source in self._sources:
+            if source.name in read:
+                self._by_topic.setdefault(source.path.topic, []).append(source)
         # A latched message does not come again.
         for topic, (time, message) in self._received.items():
             self._held.hold(time, dict(self._readings(topic, message)))
+        for name, (time, values) in self._entries.items():
+            self._held.hold(time, {name: values})
 
     def has(self, channels: Collection[str], time: int) -> bool:
         """Tell whether these channels, selected or not, have messages that are still valid."""
-        time, received = self._never_back(time), self._received
+        time = self._never_back(time)
         return all(
-            source.path.topic in received
-            and time - received[source.path.topic][0] <= source.max_age * SECOND
-            for source in self._robot.sources
-            if source.role == CHANNEL and not set(channels).isdisjoint(source.names)
+            (heard := self._heard(source)) is not None and time - heard <= source.max_age * SECOND
+            for source in self._sources
+            if not set(channels).isdisjoint(source.names)
         )
 
+    def _heard(self, source: Source) -> int | None:
+        """Return the time of the newest message for a source, if there was one."""
+        newest: tuple[int, object] | None = self._received.get(source.path.topic)
+        if source.name in self._selecting:
+            newest = self._entries.get(source.name)
+        return newest[0] if newest else None
+
     def take(self, topic: str, message, time: int) -> None:
-        """Take the values of the selected channels from a message."""
+        """Take a message."""
         time = self._never_back(time)
         self._received[topic] = time, message
-        self._held.hear(time, dict(self._readings(topic, message)))
+        values = dict(self._readings(topic, message))
+        self._held.hear(time, values)
+        for name in values.keys() & self._selecting:
+            self._entries[name] = time, values[name]
 
     def _readings(self, topic: str, message) -> Iterator[tuple[str, list[float]]]:
         for source in self._by_topic.get(topic, ()):

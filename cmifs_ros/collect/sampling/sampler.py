@@ -29,7 +29,7 @@ from .saving import Saving
 from .step import SilentTail, Step
 from .taken_actions import TakenActions
 
-#: After this silence a waiting step, or one whose end was announced, is made.
+#: After this silence a waiting step, or one at which the episode ends, is made.
 QUIET = 2 * SECOND
 _OWN = dict.fromkeys(OWN_VALUES, 0.0)
 
@@ -86,7 +86,7 @@ class Sampler:
         self.late, self.wrong = self._order.late, self._order.wrong
         self.unclear, self.last_wrong = self._order.unclear, self._order.last_wrong
         self.received: Counter[str] = Counter()
-        self.missing = MissingValues(robot.sources, self.received)
+        self.missing = MissingValues(robot.sources, self.received, self.late)
         self.saving = Saving(robot)
         self.away: dict[str, float] = {}
         self.ends = EndCounts()
@@ -107,7 +107,7 @@ class Sampler:
         self.away = dict.fromkeys(self.away, math.inf)
         self._end.begin_anew()
         self._last_time: int | None = None  # Of the newest processed message.
-        self._is_news = False  # Whether a message was processed since the last step.
+        self._news: set[str] = set()  # Topics with a message processed since the last step.
         self._next_tick: int | None = None
         names = {name for source in self._robot.sources for name in (source.name, *source.names)}
         self._before = dict.fromkeys(
@@ -196,6 +196,7 @@ class Sampler:
         steps += self._tick(time)
         for message in moment.messages:
             content = message.content
+            self._news.add(message.topic)
             self.missing.heard(message.topic, time, content.values)
             if self.away.get(message.topic, math.inf) <= time:
                 del self.away[message.topic]
@@ -207,7 +208,7 @@ class Sampler:
             for end, is_so in content.ends.items():
                 self._end.follow(end, is_so)
             self._end.follow_goals(content.goals)
-        self._last_time, self._is_news = time, True
+        self._last_time = time
         if any(message.topic == self._robot.step_topic for message in moment.messages):
             steps += self._make_step(time)
         return steps
@@ -225,19 +226,21 @@ class Sampler:
         return steps
 
     def _settle(self) -> list[Step]:
-        """Make the step that is due after silence: the next tick, or that of an announced end."""
-        if self._left is None or not self._is_news:
+        """Make the step that is due after silence: the next tick, or that of an end."""
+        if self._left is None or not self._news:
             return []
         if self._period is not None:
             self._last_time = self._next_tick
             return self._tick(self._next_tick + 1)
         self._actions.pass_on()
         # At the time of the previous step: that of a message without a stamp is not exact.
-        return self._make_step(self._left.time) if self._end.is_announced else []
+        time = self._left.time
+        is_due = self._end.is_due(self._peek(time), self._before)
+        return self._make_step(time) if is_due else []
 
     def _make_step(self, time: int) -> list[Step]:
         """Reach a step, which completes the transition from the previous one."""
-        self._is_news = False
+        self._news.clear()
         reached, values = self._look(time)
         left, before = self._left, self._before
         action = self._actions.of_step(left.time if left else time, time)
@@ -349,6 +352,19 @@ class Sampler:
                 state.extend(held)
             values |= zip(source.names, held, strict=True)
         return _Left(time, None if lacking else state, tuple(lacking)), values
+
+    def _peek(self, time: int) -> dict[str, float]:
+        """Return all values by name that the next step would have, if it were at a time."""
+        values = self._before | {'step': self._step + 1.0}
+        for held in (self._held, self._actions.held):
+            for source in held.sources:
+                if source.path.topic not in self._news:
+                    continue
+                newest, cause = held.peek(source, time)
+                if cause is not None:
+                    newest = [math.nan] * len(source.names)
+                values |= zip(source.names, newest, strict=True)
+        return values
 
     def _reward(self, values: dict, before: dict) -> float:
         if isinstance(self._robot.reward, Expression):

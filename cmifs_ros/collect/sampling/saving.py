@@ -42,7 +42,7 @@ class Saving:
         self._selected: frozenset[str] = frozenset()
         #: Topics that can go, by selection since the selected channels changed.
         self._can_go: deque[frozenset[str]] = deque(maxlen=self._cycle.after if self._cycle else 1)
-        self._cause = ''
+        self._cause = ''  # Why all topics are on, or no earlier selection counts.
         self._num_episodes = 0  # complete ones while all topics are on; all while some are off
         self.off: frozenset[str] = frozenset()
 
@@ -51,17 +51,30 @@ class Saving:
         if self._cycle is None:
             return
         is_new = selection.number != self._number
-        is_other = set(selection.names) != self._selected
-        if selection.doubt or is_other or (is_new and selection.outdated):
-            self._can_go.clear()
+        cause = selection.doubt
+        if self._number is not None and set(selection.names) != self._selected:
+            cause = cause or 'the selection has changed'
+        elif is_new and selection.outdated:
+            cause = cause or 'the task has changed'
+        if cause:
+            self._begin_anew(cause)
         if is_new and not selection.doubt:
             found = {item.name for item in advice_of(selection, self._topics).can_go}
             self._can_go.append(frozenset(found - self._needed))
         self._number, self._selected = selection.number, frozenset(selection.names)
         if not self.off <= self._agreed():
-            self.explore(selection.doubt or 'the selection has changed')
+            self._switch_on(cause or 'fewer topics can go')
 
     def explore(self, cause: str) -> None:
+        """Switch all topics on until enough further selections agree."""
+        self._begin_anew(cause)
+        self._switch_on(cause)
+
+    def _begin_anew(self, cause: str) -> None:
+        self._can_go.clear()
+        self._cause = cause
+
+    def _switch_on(self, cause: str) -> None:
         """Switch all topics on for as many complete episodes as the robot file says."""
         self.off, self._num_episodes, self._cause = frozenset(), 0, cause
 
@@ -72,7 +85,7 @@ class Saving:
         self._num_episodes += is_whole or bool(self.off)
         if self.off:
             if self._num_episodes >= self._cycle.explore_every:
-                self.explore(f'after {counted(self._num_episodes, "episode")} without them')
+                self._switch_on(f'after {counted(self._num_episodes, "episode")} without them')
         elif self._num_episodes >= self._cycle.explore_episodes and self._agreed():
             self.off, self._num_episodes = self._agreed(), 0
 

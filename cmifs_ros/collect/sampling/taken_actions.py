@@ -26,10 +26,17 @@ class TakenAction(NamedTuple):
 
 
 class TakenActions:
-    """Hold the newest values of the actions of a robot file."""
+    """Hold the newest values of the actions of a robot file.
+
+    Attributes
+    ----------
+    held : HeldValues
+        Of the messages that count to the current step.
+
+    """
 
     def __init__(self, sources: Iterable[Source]):
-        self._held = HeldValues(sources)
+        self.held = HeldValues(sources)
         self._waiting: list[
             tuple[int, Mapping]
         ] = []  # Messages of one time, at which a step may begin.
@@ -37,7 +44,7 @@ class TakenActions:
     def begin_anew(self) -> None:
         """Forget everything except latched values, because the clock was set."""
         self.pass_on()
-        self._held.begin_anew()
+        self.held.begin_anew()
 
     def hear(self, time: int, values: Mapping[str, Sequence[float]]) -> None:
         """Take the values of a message with its time in nanoseconds, which never goes back."""
@@ -48,15 +55,15 @@ class TakenActions:
         """Count messages before this time to the current step."""
         if self._waiting and self._waiting[0][0] < time:
             for message in self._waiting:
-                self._held.hear(*message)
+                self.held.hear(*message)
             self._waiting = []
 
     def of_step(self, begin: int, end: int) -> TakenAction:
         """Return the action of a step from one time until another."""
         self.pass_on(end)
         action = TakenAction(array('d'), {})
-        for source in self._held.sources:
-            values, cause = self._held.of(source, begin)
+        for source in self.held.sources:
+            values, cause = self.held.of(source, begin)
             if cause is None:
                 action.values.extend(values)
             else:

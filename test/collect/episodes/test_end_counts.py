@@ -19,6 +19,22 @@ def test_losses_that_depend_on_the_end_are_told():
     assert ends.dropped_in_words()[said] == 12
 
 
+def test_the_counts_of_recordings_are_added():
+    first, second = EndCounts(), EndCounts()
+    for _ in range(2):
+        first.add_lost('aborted', 'a step lacks range')
+        second.add_lost('aborted', 'a step lacks range')
+        first.add('succeeded')
+        second.add_shortened('succeeded', 'they lack light')
+    assert not first.problem()
+    total = sum((first, second), EndCounts())
+    assert total.ended == {'aborted': 4, 'succeeded': 4}
+    assert total.lost == {'aborted': {'a step lacks range': 4}}
+    assert total.shortened == {'succeeded': {'they lack light': 2}}
+    assert 'none of 4 is left, but 4 of 4' in total.problem()
+    assert first.lost == {'aborted': {'a step lacks range': 2}}
+
+
 def test_no_end_is_set_apart_if_all_episodes_are_lost():
     ends = EndCounts()
     for kind in ('succeeded', 'succeeded', 'aborted'):

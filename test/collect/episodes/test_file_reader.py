@@ -7,6 +7,7 @@ import json
 import os
 import pickle
 import zlib
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -24,7 +25,7 @@ from cmifs_ros.core import Episode
 
 def sealed(text, data=b''):
     """Return a file with the right checksum, whatever it says."""
-    content = b'cmifs_ros episodes 5\n' + text.encode() + b'\n' + data
+    content = b'cmifs_ros episodes 6\n' + text.encode() + b'\n' + data
     return content + hashlib.sha256(content).digest()
 
 
@@ -45,13 +46,17 @@ def test_what_was_written_is_read(tmp_path, data):
     path = tmp_path / 'episodes'
     num_appended = data.draw(st.integers(0, len(sent)))
     first = sent[: len(sent) - num_appended]
-    saved = Saved(tuple(names), first, SELECTION, 12.5, action_names=('drive', 'turn'))
-    episode_file.write(path, saved)
+    actions = ('drive', 'turn')
+    episode_file.write(
+        path, Saved(tuple(names), first, SELECTION, 12.5, action_names=actions, renewals=3.25)
+    )
     with path.open('ab') as file:
-        file.writelines(map(episode_file.record, sent[len(first) :]))
+        for number, episode in enumerate(sent[len(first) :], 1):
+            file.write(episode_file.record(episode, 3.25 + number / 100))
     got = read_episodes(path, **ENOUGH)
     assert (got.channel_names, got.selection, got.selected_at) == (tuple(names), SELECTION, 12.5)
     assert (got.action_names, got.torn_bytes) == (('drive', 'turn'), 0)
+    assert got.renewals == 3.25 + num_appended / 100
     assert len(got.episodes) == len(sent)
     assert all(map(same, got.episodes, sent))
     assert os.listdir(tmp_path) == ['episodes']
@@ -72,6 +77,24 @@ def test_an_older_file_is_read_without_its_selection(tmp_path, version):
     assert (found.selection, found.action_names, found.torn_bytes) == (None, (), 0)
     assert len(found.episodes) == 2
     assert all(map(same, found.episodes, [first, second]))
+
+
+def test_a_file_from_before_the_renewals_is_read_with_its_selection(tmp_path):
+    path, (first, second) = tmp_path / 'episodes', episodes(2)
+    fields = fields_of(SELECTION) | {'means': SELECTION.means, 'spreads': SELECTION.spreads}
+    header = {
+        'channels': NAMES, 'actions': [], 'sources': ['r'], 'episodes': [[4, 0, 0]],
+        'selection': fields, 'selected_at': 1.0,
+    }  # fmt: skip
+    whole = f'cmifs_ros episodes 5\n{json.dumps(header)}\n'.encode()
+    whole += first.states.tobytes() + first.rewards.tobytes()
+    record = (4).to_bytes(8, 'little') + (0).to_bytes(4, 'little') + (1).to_bytes(4, 'little')
+    record += zlib.crc32(record).to_bytes(4, 'little') + b'r'
+    record += second.states.tobytes() + second.rewards.tobytes()
+    path.write_bytes(b''.join(part + hashlib.sha256(part).digest() for part in (whole, record)))
+    found = read_episodes(path, **ENOUGH)
+    assert (found.selection, found.torn_bytes, found.renewals) == (SELECTION, 0, 0)
+    assert all(map(same, found.episodes, [replace(e, source='r') for e in (first, second)]))
 
 
 def test_a_selection_in_an_older_form_is_not_read_but_the_episodes_are(tmp_path):
@@ -152,8 +175,8 @@ def test_an_episode_appended_in_part_is_dropped_and_told_but_a_changed_byte_refu
 def test_a_record_with_right_checksums_is_not_believed_either(tmp_path):
     path = tmp_path / 'x'
 
-    def read(names, length, values):
-        header = length.to_bytes(8, 'little') + bytes(8)
+    def read(names, length, values, renewals=0.0):
+        header = length.to_bytes(8, 'little') + bytes(8) + np.float64(renewals).tobytes()
         header += zlib.crc32(header).to_bytes(4, 'little')
         content = header + np.array(values).tobytes()
         episode_file.write(path, Saved(names, ()))
@@ -165,7 +188,10 @@ def test_a_record_with_right_checksums_is_not_believed_either(tmp_path):
     for names, length, values in ((('a',), 0, []), (None, 1, [0.0]), (('a',), 1, [0.0, np.inf])):
         with pytest.raises(RefusedFileError):
             read(names, length, values)
-    assert read(('a',), 2**63, [0.0, 0.0]).torn_bytes == 68  # nothing of that size is allocated
+    for renewals in (-1.0, np.inf, np.nan):
+        with pytest.raises(RefusedFileError):
+            read(('a',), 1, [0.0, 0.0], renewals)
+    assert read(('a',), 2**63, [0.0, 0.0]).torn_bytes == 76  # nothing of that size is allocated
 
 
 class Bomb:
@@ -179,8 +205,8 @@ class Bomb:
         (b'', 'is not an episodes file'),
         (b'%PDF-1.7 thesis', 'is not an episodes file'),
         (pickle.dumps(Bomb()), 'is not an episodes file'),
-        (b'cmifs_ros episodes 1\n{}\n', 'is of format version 1; expected 5'),
-        (b'cmifs_ros episodes 6\n', 'is of format version 6; expected 5'),
+        (b'cmifs_ros episodes 1\n{}\n', 'is of format version 1; expected 6'),
+        (b'cmifs_ros episodes 7\n', 'is of format version 7; expected 6'),
         (b'cmifs_ros episodes 2\n{"channels": []', 'is truncated'),
     ],
 )
@@ -194,7 +220,7 @@ def test_other_files_are_refused_and_run_nothing(tmp_path, monkeypatch, content,
 
 HEADER = {
     'channels': ['a'], 'actions': [], 'sources': [''], 'episodes': [[1, 0, 0]],
-    'selection': None, 'selected_at': 0.0,
+    'renewals': 0.0, 'selection': None, 'selected_at': 0.0,
 }  # fmt: skip
 
 
@@ -224,6 +250,9 @@ HEADER = {
         {'selection': fields_of(SELECTION) | {'means': [1.0]}},
         {'selection': fields_of(selection(sensor('a')))},  # of nothing
         {'selected_at': 'now'},
+        {'renewals': None},
+        {'renewals': -1.0},
+        {'renewals': float('inf')},
     ],
 )
 def test_a_header_with_a_right_checksum_is_not_believed_either(tmp_path, change):

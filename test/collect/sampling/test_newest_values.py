@@ -119,6 +119,51 @@ def test_what_was_latched_before_it_was_selected_counts(newest):
     assert state(newest, 500) == pytest.approx([nan, 4], nan_ok=True)
 
 
+PARTS = parse_robot_file("""
+step: {topic: /a}
+channels:
+  a: /a.data
+  arm: "/joints.position{shoulder,elbow}"
+  hand: {path: "/joints.position{grip}", max_age: 3}
+  map: {path: "/tf.transforms{map}.x", max_age: .inf, over: [mean, count]}
+  base: "/tf.transforms{base}.x"
+  second: "/tf.transforms[1].x"
+reward: a
+""")
+
+
+def joints(**values):
+    return Message(name=list(values), position=list(values.values()))
+
+
+def frames(**values):
+    return Message(transforms=[Message(child_frame_id=name, x=x) for name, x in values.items()])
+
+
+@pytest.mark.parametrize('before', [['a'], PARTS.channel_names])
+def test_where_several_nodes_fill_a_topic_each_channel_has_its_own_newest_value(before):
+    newest = NewestValues(PARTS)
+    newest.select(before, before)
+    newest.take('/a', Message(data=1.0), 0)
+    newest.take('/tf', frames(map=6.0, base=8.0), 0)
+    newest.take('/tf', frames(map=7.0), SECOND)
+    newest.take('/joints', joints(shoulder=2.0, elbow=3.0), SECOND)
+    assert newest.has(['arm.elbow', 'map.mean', 'base', 'second'], SECOND)
+    assert not newest.has(['hand'], SECOND)
+    newest.take('/joints', joints(grip=4.0, other=0.0), 2 * SECOND)
+    newest.take('/tf', frames(other=0.0), 2 * SECOND)
+    newest.take('/a', Message(data=5.0), 2 * SECOND)
+    assert newest.has(['arm.elbow', 'hand', 'map.mean'], 2 * SECOND)
+    for gone in ('base', 'second'):  # They spoke two seconds ago.
+        assert not newest.has([gone], 2 * SECOND)
+    names = ['a', 'arm.shoulder', 'arm.elbow', 'hand', 'map.mean', 'base', 'second']
+    newest.select(names, names)
+    assert state(newest, 2) == pytest.approx(
+        [5, 2, 3, 4, 7.0 if before == ['a'] else 6.5, nan, nan], nan_ok=True
+    )
+    assert set(newest.missing) == {'base', 'second'}
+
+
 def test_where_the_clock_is_set_back_what_was_received_before_counts_from_then_on(newest):
     newest.select({'a', 'map'}, ['a', 'map'])
     take(newest, 100.0, a=1.0, map=4.0)

@@ -68,7 +68,7 @@ def test_topics_are_off_only_while_the_last_selections_agree_and_come_back_in_ti
         if event == 'explore':
             saving.explore('asked')
             assert not saving.off
-            since_on = 0
+            newest, since_on = [], 0
         elif isinstance(event, str):
             saving.end_episode(event == 'whole')
             if before:
@@ -121,7 +121,23 @@ def test_the_cycle_in_words():
         'switched off: /imu, /scan; on again after 4 episodes',
         'all topics are on (after 4 episodes without them): 0 of 3 complete episodes',
         'all topics are on (after 4 episodes without them): none can go',
-        'all topics are on (after 4 episodes without them): same selection 1 of 2 times',
+        'all topics are on (the selection has changed): same selection 1 of 2 times',
+    ]
+
+
+def test_why_earlier_selections_no_longer_count_is_named_though_all_topics_are_on():
+    saving = Saving(ROBOT)
+    for number in (1, 2):
+        saving.select(selected(number, {'imu', 'scan'}, 'x'))
+    saving.select(selected(2, {'imu', 'scan'}, 'x', doubt='the data have changed: x'))
+    doubted = saving.in_words()
+    saving.select(selected(3, {'imu', 'scan'}, 'x', outdated=9))
+    outdated = saving.in_words()
+    saving.explore('asked')
+    assert [doubted, outdated, saving.in_words()] == [
+        'all topics are on (the data have changed: x): same selection 0 of 2 times',
+        'all topics are on (the task has changed): same selection 1 of 2 times',
+        'all topics are on (asked): same selection 0 of 2 times',
     ]
 
 
@@ -220,7 +236,7 @@ def test_what_is_learned_from_while_saving_is_a_part_of_all_episodes(seed, clock
     robot = parse_robot_file(STREAM % clock)
     plain, saving, random = Sampler(robot), Sampler(robot), Random(seed)
     saving.saving.select(STANDS)
-    every, some, num_saved = [], [], 0
+    every, some, num_saved, number = [], [], 0, 1
     for time, topic, message in messages(seed, 300):
         every += plain.add(topic, message, time)
         if topic in saving.saving.off:
@@ -229,6 +245,8 @@ def test_what_is_learned_from_while_saving_is_a_part_of_all_episodes(seed, clock
             some += saving.add(topic, message, time)
         if is_asked and random.random() < 0.01:
             saving.saving.explore('asked')
+            number += 1
+            saving.saving.select(replace(STANDS, number=number))
     every, some = grouped(every + plain.flush()), grouped(some + saving.flush())
     # The last one is open still.
     assert all(episode in every for episode in some[:-1])

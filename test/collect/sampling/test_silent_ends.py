@@ -7,6 +7,8 @@ from math import nan
 from types import SimpleNamespace as Message
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from selections import selection, sensor
 
 from cmifs_ros.collect.episodes.builder import EpisodeBuilder
@@ -156,6 +158,91 @@ def test_each_goal_of_a_robot_that_falls_silent_with_it_has_its_end(step, gap):
     assert goals(step, gap, None)[1] == steps
     if gap > 2000:
         assert goals(step, gap, flush=True)[1] == steps
+
+
+HITS = """
+step: {%s}
+channels: {a: /a.data, taps: {path: /a.data, over: count}}
+actions: {push: /push.data, force: {path: /push.data, over: mean}}
+values: {hit: {path: /hit.data, max_age: .inf}}
+reward: a + 10 * hit
+episode: {%s}
+"""
+
+
+def hits(step, ends, gap, max_lateness=5.0, flush=False):
+    """Return the steps of four episodes, each of which ends by a hit before a silence, in ms."""
+    sampler, steps, time = Sampler(parse_robot_file(HITS % (step, ends)), max_lateness), [], 0
+
+    def say(topic, value, after=0):
+        nonlocal steps
+        steps += sampler.add(topic, Message(data=value), (time + after) * SECOND // 1000)
+
+    for _ in range(4):
+        for i in range(10):
+            say('/a', float(i))
+            say('/hit', False, 10)
+            say('/push', 3.0 + i, 20)
+            time += 50
+        say('/hit', True, -20)
+        if flush:  # As the node does when nothing has come for two seconds, each second.
+            steps += sampler.flush()
+            steps += sampler.flush()
+        time += gap
+    steps += sampler.flush()
+    return steps
+
+
+@pytest.mark.parametrize('ends', ['terminated: hit', 'terminated: hit and not before(hit)',
+                                  'terminated: hit and force > 0 and push > 11'])  # fmt: skip
+@pytest.mark.parametrize('gap', [50, 400, 5000])
+@pytest.mark.parametrize('step', ['rate: 20', 'topic: /a'])
+def test_each_end_that_an_expression_finds_before_a_silence_counts(step, ends, gap):
+    steps = hits(step, ends, gap)
+    assert [s.sample.reward >= 10 for s in steps if s.sample.terminated] == [True] * 4
+    assert hits(step, ends, gap, None) == steps
+    if gap > 2000:
+        assert hits(step, ends, gap, flush=True) == steps
+    if step == 'topic: /a':
+        # Nothing that the last step looked at has started over before.
+        assert {s.state[1] for s in steps} == {1.0}
+
+
+@pytest.mark.parametrize('ends', ['step >= 12', 'a == before(a)', 'taps == 0'])
+def test_a_condition_that_no_message_made_true_needs_its_step(ends):
+    steps = hits('topic: /a', f"truncated: '{ends}'", 5000)
+    assert [s.sample.step for s in steps if s.sample.truncated] == (
+        [11, 11, 11] if ends == 'step >= 12' else []
+    )
+
+
+SENT = st.tuples(
+    st.sampled_from([10, 10, 10, 50, 400, 1500, 2500, 4500]),
+    st.sampled_from(['/a', '/a', '/a', '/hit', '/push']),
+    st.sampled_from([0.0, 0.0, 1.0]),
+)
+
+
+@settings(max_examples=200, deadline=None)
+@given(
+    st.lists(SENT, max_size=60), st.sampled_from(['rate: 20', 'topic: /a']),
+    st.sampled_from(['terminated: hit', 'terminated: hit and a == before(a), steps: 5',
+                     'truncated: "taps == 0 or push > 0 and force < 1"']),
+)  # fmt: skip
+def test_a_bag_with_silences_gives_the_steps_of_the_node(sent, step, ends):
+    robot = parse_robot_file(HITS % (step, ends))
+    live, bag, time = Sampler(robot), Sampler(robot, None), SECOND
+    steps, recorded = [], []
+    for gap, topic, value in sent:
+        for _ in range(2000, gap, 1000):  # The node's reports while all is silent.
+            steps += live.flush()
+        time += gap * SECOND // 1000
+        steps += live.add(topic, Message(data=value), time)
+        recorded += bag.add(topic, Message(data=value), time)
+    steps += live.flush()
+    recorded += bag.flush()
+    assert steps == recorded
+    assert all(a.stamp <= b.stamp for a, b in pairwise(steps))
 
 
 def test_what_is_latched_outlives_a_clock_that_is_set_back_and_nothing_else_does():
