@@ -73,7 +73,7 @@ class ConditionalTest:
         Whether the order of the episodes is that of time: then slow drift is taken out, and
         neighbours that resemble each other have one sign.
     n_jobs : int
-        Threads that share the candidates.
+        Threads that share the candidates, and the widths of kernels.
 
     """
 
@@ -186,7 +186,7 @@ class ConditionalTest:
         if key not in self._contexts:
             if len(self._contexts) >= max(1, _KEPT_ROWS // len(self._rows.owner)):
                 del self._contexts[next(iter(self._contexts))]
-            self._contexts[key] = _Given(self._rows, channels)
+            self._contexts[key] = _Given(self._rows, channels, self._n_jobs)
         return self._contexts[key]
 
     def _for_each(self, of_candidate: Callable, candidates, context: _Given) -> list:
@@ -224,7 +224,7 @@ class ConditionalTest:
 class _Given:
     """Given channels with the action and the step: what they explain, and functions beside them."""
 
-    def __init__(self, rows: EpisodeRows, channels: Sequence[int]):
+    def __init__(self, rows: EpisodeRows, channels: Sequence[int], n_jobs: int):
         num_episodes = len(rows.lengths)
         self._states = rows.states
         self._functions = rows.shuffled[:_NUM_FUNCTIONS]
@@ -234,6 +234,7 @@ class _Given:
             rows.shuffled[: int(np.clip(num_episodes // 2, *_NUM_CENTERS))],
             rows.folds,
             rows.fixed,
+            n_jobs,
         )
         self._bumps = self._gaussians(self._points)
 

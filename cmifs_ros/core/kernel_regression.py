@@ -11,6 +11,7 @@ leaves some of what it should explain in both, and their product then looks like
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
 import numpy as np
@@ -49,6 +50,15 @@ class _Fold(NamedTuple):
     with_before: np.ndarray  # the fold's products of directions, doubled with those before, (r, r)
 
 
+class _Width(NamedTuple):
+    """The features (N, d) of one width, in the order of the folds, and their directions."""
+
+    features: np.ndarray
+    variances: np.ndarray  # (r,)
+    directions: np.ndarray  # (d, r)
+    left_out: list[_Fold]
+
+
 class KernelRegression:
     """Regress any number of targets on the same points.
 
@@ -62,6 +72,8 @@ class KernelRegression:
         Cross-validation fold of each point; those of one episode share it.
     fixed : numpy.ndarray, shape (N, p)
         Orthonormal columns that every space contains; they span the constant.
+    n_jobs : int
+        Threads that share the widths.
 
     """
 
@@ -71,6 +83,7 @@ class KernelRegression:
         centers: np.ndarray,
         folds: np.ndarray,
         fixed: np.ndarray,
+        n_jobs: int = 1,
     ):
         distances = squared_distances(points, points[centers])
         self._fixed = fixed
@@ -78,20 +91,23 @@ class KernelRegression:
         self._order = np.argsort(folds, kind='stable')
         ends = np.cumsum(np.bincount(folds))
         self._folds = [slice(start, end) for start, end in zip([0, *ends[:-1]], ends, strict=True)]
-        self._features, self._spectra, self._left_out = [], [], []
-        for width in _WIDTHS:
+
+        def of_width(width: float) -> _Width:
             bumps = np.exp(distances / (-2 * width**2 * points.shape[1]))
             features = residual(np.hstack([points, bumps]), fixed)[self._order]
             grams = [features[fold].T @ features[fold] for fold in self._folds]
             total = np.sum(grams, axis=0)
-            self._features.append(features)
-            self._spectra.append(_spectrum(total / len(features)))
-            self._left_out.append(
-                [
-                    _without(features[fold], gram, total, len(features))
-                    for fold, gram in zip(self._folds, grams, strict=True)
-                ]
-            )
+            left_out = [
+                _without(features[fold], gram, total, len(features))
+                for fold, gram in zip(self._folds, grams, strict=True)
+            ]
+            return _Width(features, *_spectrum(total / len(features)), left_out)
+
+        if n_jobs > 1:
+            with ThreadPoolExecutor(n_jobs) as threads:
+                self._widths = list(threads.map(of_width, _WIDTHS))
+        else:
+            self._widths = list(map(of_width, _WIDTHS))
 
     def tuned(self, targets: np.ndarray) -> list[Space]:
         """Return the best space for each of the targets (N, k)."""
@@ -110,8 +126,7 @@ class KernelRegression:
 
     def basis(self, space: Space) -> np.ndarray:
         """Return orthonormal columns (N, p + rank) that span a space."""
-        variances, directions = self._spectra[space.width]
-        features = self._features[space.width]
+        features, variances, directions, _ = self._widths[space.width]
         rank = min(_RANKS[space.rank], len(variances))
         columns = np.empty((len(features), rank))
         scale = np.sqrt(len(features) * variances[:rank])
@@ -125,12 +140,12 @@ class KernelRegression:
         squares = [(part**2).sum(axis=0) for part in parts]
         levels = [part.sum(axis=0) for part in parts]
         errors = np.zeros((len(_WIDTHS), len(_RANKS), targets.shape[1]))
-        for w, (features, left_out) in enumerate(zip(self._features, self._left_out, strict=True)):
+        for w, width in enumerate(self._widths):
             moments = [
-                features[fold].T @ part for fold, part in zip(self._folds, parts, strict=True)
+                width.features[fold].T @ part for fold, part in zip(self._folds, parts, strict=True)
             ]
             total = np.sum(moments, axis=0)
-            for fold, *here in zip(left_out, moments, squares, levels, strict=True):
+            for fold, *here in zip(width.left_out, moments, squares, levels, strict=True):
                 errors[w] += _errors_of_ranks(fold, total, *here)
         return errors
 

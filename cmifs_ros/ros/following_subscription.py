@@ -68,6 +68,7 @@ class FollowingSubscription:
         self.publishers: list[str] = []
         self.clashes: dict[str, list[str]] = {}
         self._subscription: Subscription | None = None
+        self._num_matched = 0
         self.topic_name = node.resolve_topic_name(topic)
         self._follow()
         # Steady time: a paused simulation must not stop it.
@@ -95,7 +96,13 @@ class FollowingSubscription:
         if self._on_lost is not None:
             self._on_lost(event.total_count_change)
 
+    @property
+    def is_matched(self) -> bool:
+        """Whether the subscription has a publisher, without delay."""
+        return self._num_matched > 0
+
     def _on_publishers(self, event) -> None:
+        self._num_matched = event.current_count
         if self._on_matched is not None:
             self._on_matched()
 
