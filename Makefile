@@ -72,7 +72,7 @@ help:
 	@echo "make looks [LOOKS='--trials 20']         how often anything irrelevant is ever confirmed in many selections"
 	@echo "make camera [CAMERA='--trials 6']        how often a camera is confirmed beside joint states"
 	@echo "make constants [CONSTANTS='--trials 6']  how much each constant of the test matters"
-	@echo "make level [LEVEL='--trials 20']         how often the test errs, in hard worlds"
+	@echo "make level [LEVEL='--trials 20']         how often each part of the test errs, in hard worlds"
 	@echo "make targets [TARGETS='--trials 6']      how often each target is given exactly what it needs"
 	@echo "make change [CHANGE='--trials 6']        how soon the selection is right again after the task changed"
 	@echo "make oracle [ORACLE='--trials 6']        rank sums of an oracle that knows all but one channel"

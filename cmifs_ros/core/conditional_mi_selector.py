@@ -27,6 +27,9 @@ from .targets import ACTION, DECISION, RETURN, TARGETS, TargetTest
 from .thinning import MAX_STEPS, Plan, ThinnedEpisodes, plan_of, thinned
 from .time_bins import MOST_BINS
 
+#: Episodes are shifted where signs give no more, so that no p-value depends on a smaller level.
+_LEAST_SHIFTED = 0.05
+
 
 class ConditionalMISelector(SensorSelector):
     """Select the sensors that the return, the action or a decision depends on.
@@ -332,6 +335,7 @@ class ConditionalMISelector(SensorSelector):
             action_names,
             self.gamma,
             random_state=self.random_state,
+            level=max(self.significance, _LEAST_SHIFTED),
             ordered=self._ordered,
             n_jobs=self.n_jobs,
         )

@@ -20,14 +20,16 @@ the return, z what is given (the sensors selected, the action and the step) and 
    the steps of an episode have to do with each other (the wild cluster bootstrap). Where
    neighbouring episodes resemble each other, as windows of one drive do, as many as count as one
    have one sign.
+5. What seems dependent is tested once more, with the residuals of other episodes: cyclic shifts of
+   the episodes in their order, which keep the memory of both sides. This counts on episodes alike.
 
-Returns enter as they are and as normal scores; the p-values of all these are combined by a Cauchy
-combination.
+The greater p-value of 4 and 5 counts. Returns enter as they are and as normal scores; the p-values
+of all these are combined by a Cauchy combination.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -36,7 +38,7 @@ from .drift import num_trends, trends
 from .effect import Effect, EffectEstimator
 from .episode_rows import EpisodeRows
 from .kernel_regression import KernelRegression, extended, residual, squared_distances
-from .products import Products
+from .products import PARTS, Products
 from .samples import Samples, normal_scores, standardized
 
 #: Gaussians that explain the target by what is given: one for two episodes, within limits. With
@@ -69,9 +71,13 @@ class ConditionalTest:
         Variable c of the target counts where channel c is given, and only then.
     random_state : int
         Seed of folds and centres.
+    level : float
+        p-value by signs up to which episodes are shifted as well.
+    parts : collection of str
+        Which parts of the test count, of `products.PARTS`; a study looks at each by itself.
     ordered : bool
         Whether the order of the episodes is that of time: then slow drift is taken out, and
-        neighbours that resemble each other have one sign.
+        episodes are shifted in their order; else in a random one.
     n_jobs : int
         Threads that share the candidates, and the widths of kernels.
 
@@ -85,9 +91,12 @@ class ConditionalTest:
         discount: float = 0.0,
         of_given: bool = False,
         random_state: int = 0,
+        level: float = 0.05,
+        parts: Collection[str] = PARTS,
         ordered: bool = True,
         n_jobs: int = 1,
     ):
+        self._level, self._parts = level, parts
         self._of_given, self._n_jobs = of_given, n_jobs
         self._rows = EpisodeRows(samples, random_state, ordered)
         self._names = list(targets)
@@ -171,7 +180,15 @@ class ConditionalTest:
         basis = context.regression.basis(context.regression.jointly_tuned(left))
         basis = self._with_drift(basis, left)
         left = residual(left, basis)
-        products = Products(left, basis, self._rows.starts, self._rows.starts_of_blocks(left))
+        products = Products(
+            left,
+            basis,
+            self._rows.starts,
+            self._rows.starts_of_blocks(left),
+            self._rows.shifts,
+            level=self._level,
+            parts=self._parts,
+        )
         variables = [range(k, left.shape[1], len(columns)) for k in range(len(columns))]
 
         def of_candidate(families):

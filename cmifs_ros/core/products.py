@@ -4,22 +4,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from .chance import combined_pvalue, sign_flip_pvalue
+from .chance import combined_pvalue, resampled_pvalue, sign_flip_pvalue
 from .kernel_regression import corrected_residual
 
 #: Functions are whitened but for the weakest, which few episodes have to do with: those of less
 #: variance than this share of the greatest count less.
 _LEAST_VARIANCE = 1e-2
+#: The parts of the test.
+PARTS = SIGNS, SHIFTS = ('signs', 'shifts')
 
 
 class _Whitened(NamedTuple):
-    """A family of functions along principal axes of what the basis does not explain."""
+    """A family of functions (N, k) along principal axes of what the basis does not explain."""
 
+    functions: np.ndarray
+    coefficients: np.ndarray  # of the functions on the basis, (r, k)
+    axes: np.ndarray  # (k, a)
     products: np.ndarray  # of each block with each residual, (B, q, a)
     statistics: np.ndarray  # (q,)
 
@@ -37,10 +42,26 @@ class Products:
         The first row of each episode.
     blocks : numpy.ndarray of int, shape (B,)
         The first row of each block of episodes whose products have one sign.
+    shifts : numpy.ndarray of int, shape (S, N)
+        The row whose residual each row has in each cyclic shift.
+    level : float
+        p-value by signs up to which episodes are shifted as well.
+    parts : collection of str
+        Which of `PARTS` count.
 
     """
 
-    def __init__(self, left: np.ndarray, basis: np.ndarray, starts: np.ndarray, blocks: np.ndarray):
+    def __init__(
+        self,
+        left: np.ndarray,
+        basis: np.ndarray,
+        starts: np.ndarray,
+        blocks: np.ndarray,
+        shifts: np.ndarray,
+        *,
+        level: float,
+        parts: Collection[str] = PARTS,
+    ):
         from .episode_sums import sums_of_products
 
         lengths = np.diff(starts, append=len(left))
@@ -52,7 +73,7 @@ class Products:
         self._in_basis = basis.T @ self._left
         self._sums_of_products = sums_of_products
         self._basis_products = sums_of_products(basis, self._errors, blocks)
-        self._blocks = blocks
+        self._blocks, self._shifts, self._level, self._parts = blocks, shifts, level, parts
 
     def pvalues(
         self, families: Sequence[np.ndarray], variables: Sequence[Sequence[int]]
@@ -68,16 +89,13 @@ class Products:
 
         """
         whitened = [self._whitened(functions) for functions in families]
-        return [
-            combined_pvalue(
-                [
-                    sign_flip_pvalue(w.statistics[column], w.products[:, column])
-                    for column in columns
-                    for w in whitened
-                ]
-            )
-            for columns in variables
-        ]
+        pvalues = []
+        for columns in variables:
+            pvalue = self._by_signs(whitened, columns) if SIGNS in self._parts else 0.0
+            if SHIFTS in self._parts and pvalue <= self._level:
+                pvalue = max(pvalue, self._by_shifts(whitened, columns))
+            pvalues.append(pvalue)
+        return pvalues
 
     def _whitened(self, functions: np.ndarray) -> _Whitened:
         coefficients = self._basis.T @ functions
@@ -87,4 +105,25 @@ class Products:
         products = self._sums_of_products(functions, self._errors, self._blocks)
         products = (products - self._basis_products @ coefficients) @ axes
         total = (self._left.T @ functions - self._in_basis.T @ coefficients) @ axes
-        return _Whitened(products, (total**2).sum(axis=1))
+        return _Whitened(functions, coefficients, axes, products, (total**2).sum(axis=1))
+
+    def _by_signs(self, whitened: Sequence[_Whitened], columns: Sequence[int]) -> float:
+        return combined_pvalue(
+            [
+                sign_flip_pvalue(w.statistics[column], w.products[:, column])
+                for column in columns
+                for w in whitened
+            ]
+        )
+
+    def _by_shifts(self, whitened: Sequence[_Whitened], columns: Sequence[int]) -> float:
+        families = [
+            w.functions @ w.axes - self._basis @ (w.coefficients @ w.axes) for w in whitened
+        ]
+        pvalues = []
+        for column in columns:
+            shifted = self._errors[:, column][self._shifts]
+            for w, functions in zip(whitened, families, strict=True):
+                drawn = ((shifted @ functions) ** 2).sum(axis=1)
+                pvalues.append(resampled_pvalue(w.statistics[column], drawn))
+        return combined_pvalue(pvalues)

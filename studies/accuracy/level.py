@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""The level of the test, in worlds where a test easily fails.
+"""The level of the test and its parts, in worlds where a test easily fails.
 
-In each world, irrelevant sensors of four types are tested given the relevant ones. The table shows
-how often a p-value is at most 0.05, and 0.005, and in how many recordings the whole procedure
-confirms an irrelevant sensor.
+In each world, irrelevant sensors of four types are tested given the relevant ones, by each part of
+the test and by both. The tables show how often a p-value is at most 0.05, and 0.005, and in how
+many recordings the whole procedure confirms an irrelevant sensor.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import time
 
 import numpy as np
 
+from cmifs_ros.core.products import PARTS, SHIFTS, SIGNS
 from cmifs_ros.core.samples import collect_samples
 from cmifs_ros.core.targets import RETURN, TargetTest
 from cmifs_ros.tools.program import CommandError, exit_code
@@ -29,8 +30,8 @@ from studies.trials.trial import Outcome, Results, Trial, run_trial
 
 GAMMA = 0.95
 LEVELS = (0.05, 0.005)
-#: Results of a recording: the p-values of the test, and the selection of the whole procedure.
-PVALUES, WHOLE = 'pvalues', 'automatic'
+#: Results of a recording: the p-values of the parts, and the selection of the whole procedure.
+OF_PARTS, WHOLE = 'parts', 'automatic'
 
 
 def irrelevant_channels(world: str) -> list[int]:
@@ -39,20 +40,30 @@ def irrelevant_channels(world: str) -> list[int]:
     return [c for c in range(len(task.channel_names)) if c not in task.relevant]
 
 
-def pvalues_of(trial: Trial) -> Outcome:
-    """Return the p-values of all irrelevant channels given the relevant ones."""
+def pvalues_of_parts(trial: Trial) -> Outcome:
+    """Return the p-values of all irrelevant channels given the relevant ones, part by part."""
     task, start = TASKS[trial.scenario], time.perf_counter()
     episodes = task.rollout(trial.episodes, trial.seed)
     samples = collect_samples(episodes, gamma=GAMMA, standardize=True)
-    test = TargetTest(samples, RETURN, task.channel_names, [], GAMMA, random_state=trial.seed)
     candidates = [(c,) for c in irrelevant_channels(trial.scenario)]
-    pvalues = tuple(float(f'{p:.4g}') for p in test(candidates, list(task.relevant)))
-    return Outcome(trial, pvalues, time.perf_counter() - start)
+    pvalues: list[float] = []
+    for part in PARTS:
+        test = TargetTest(
+            samples,
+            RETURN,
+            task.channel_names,
+            [],
+            GAMMA,
+            random_state=trial.seed,
+            parts=(part,),
+        )
+        pvalues += [float(f'{p:.4g}') for p in test(candidates, list(task.relevant))]
+    return Outcome(trial, tuple(pvalues), time.perf_counter() - start)
 
 
 def run_either(trial: Trial) -> Outcome:
-    """Run a trial of the test, or of the whole procedure."""
-    return pvalues_of(trial) if trial.method == PVALUES else run_trial(trial)
+    """Run a trial of the parts, or of the whole procedure."""
+    return pvalues_of_parts(trial) if trial.method == OF_PARTS else run_trial(trial)
 
 
 def shares(pvalues: np.ndarray, level: float) -> str:
@@ -64,19 +75,27 @@ def shares(pvalues: np.ndarray, level: float) -> str:
     return f'{mean:.1%} ± {error:.1%}'
 
 
-def row_of(world: str, num_episodes: int, results: Results) -> tuple:
-    """Return the row of a world."""
+def rows_of(world: str, num_episodes: int, results: Results) -> list[tuple]:
+    """Return the rows of a world's table, one for each part and one for both."""
     channels = irrelevant_channels(world)
     kinds = np.array([TASKS[world].channel_names[c].split('_')[0] for c in channels])
-    pvalues = np.array([outcome.ranking for outcome in results.of(world, PVALUES, num_episodes)])
+    found = np.array([outcome.ranking for outcome in results.of(world, OF_PARTS, num_episodes)])
+    of_parts = dict(zip(PARTS, np.split(found, len(PARTS), axis=1), strict=True))
+    # Up to the level of the test, the greater of both counts.
+    of_parts['both'] = np.maximum(of_parts[SIGNS], of_parts[SHIFTS])
     wrong = [bool(set(channels) & set(o.ranking)) for o in results.of(world, WHOLE, num_episodes)]
-    return (
-        world,
-        num_episodes,
-        *(shares(pvalues, level) for level in LEVELS),
-        *(shares(pvalues[:, kinds == kind], LEVELS[0]) for kind in KINDS),
-        '{:.1%} ± {:.1%}'.format(*mean_and_error(wrong)),
-    )
+    selected = '{:.1%} ± {:.1%}'.format(*mean_and_error(wrong))
+    return [
+        (
+            world,
+            num_episodes,
+            part,
+            *(shares(pvalues, level) for level in LEVELS),
+            *(shares(pvalues[:, kinds == kind], LEVELS[0]) for kind in KINDS),
+            selected if part == 'both' else '',
+        )
+        for part, pvalues in of_parts.items()
+    ]
 
 
 def run(options: argparse.Namespace) -> None:
@@ -95,16 +114,16 @@ def run(options: argparse.Namespace) -> None:
         Trial(world, method, num_episodes, number, options.first_seed + number)
         for number in range(options.trials)
         for world, num_episodes in cells
-        for method in (PVALUES, WHOLE)
+        for method in (OF_PARTS, WHOLE)
     ]
     results = finish(wanted, log, options.jobs, run=run_either)
     print(f'\n{options.trials} draws of each world, seeds {options.first_seed} to {last}.\n')
     head = (
-        *('world', 'episodes', *(f'p <= {level:g}' for level in LEVELS)),
+        *('world', 'episodes', 'part', *(f'p <= {level:g}' for level in LEVELS)),
         *(f'{kind}, p <= {LEVELS[0]:g}' for kind in KINDS),
         'something irrelevant confirmed in',
     )
-    print(markdown_table(head, [row_of(*cell, results) for cell in cells]), end='')
+    print(markdown_table(head, [row for cell in cells for row in rows_of(*cell, results)]), end='')
 
 
 def main(arguments: list[str] | None = None) -> int:

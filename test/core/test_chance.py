@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from cmifs_ros.core.chance import pearson3_tail, sign_flip_pvalue
+from cmifs_ros.core.chance import pearson3_tail, resampled_pvalue, sign_flip_pvalue
 
 
 def statistics_of_all_signs(products):
@@ -34,6 +34,13 @@ def test_sign_flips_are_as_likely_as_their_share_of_all():
 
 def test_what_no_sign_changes_has_pvalue_1():
     assert sign_flip_pvalue(4.0, np.array([[2.0, 0.0]])) == 1
+
+
+def test_resampled_pvalue_are_those_of_the_law_with_their_moments():
+    drawn = np.random.default_rng(2).chisquare(3, size=4000)
+    for value in (1.0, 6.0, 12.0):
+        pvalue = resampled_pvalue(value, drawn)
+        assert pvalue == pytest.approx(stats.chi2.sf(value, 3), abs=0.02)
 
 
 def test_the_tail_is_scipys():

@@ -178,8 +178,23 @@ def test_switches_that_matter_only_together_are_seen_together():
     assert test([(0, 1)], ())[0] < 1e-3
 
 
+def test_of_both_parts_the_greater_pvalue_counts_where_signs_show_something():
+    rng = np.random.default_rng(3)
+    states = slow(rng, 30)
+    samples = samples_of(states[:, 0] + slow(rng, 1)[:, 0], states)
+    candidates = [(c,) for c in range(30)]
+    signs, shifts, both = (
+        conditional_test(samples, GAMMA, 0, level=0.2, **parts)(candidates, [])
+        for parts in ({'parts': ('signs',)}, {'parts': ('shifts',)}, {})
+    )
+    assert 0 < np.sum(signs <= 0.2) < 30
+    assert np.any(shifts > signs)
+    expected = np.where(signs <= 0.2, np.maximum(signs, shifts), signs)
+    np.testing.assert_array_equal(both, expected)
+
+
 @pytest.mark.parametrize('ordered', [True, False])
-def test_windows_of_one_drive_hold_the_level_if_their_order_is_known(ordered):
+def test_signs_hold_the_level_in_windows_of_one_drive_if_their_order_is_known(ordered):
     # Returns and channels remember four windows; as if windows were independent, too much is found.
     num_windows, share = 120, np.exp(-1 / 4)
     pvalues = []
@@ -191,7 +206,7 @@ def test_windows_of_one_drive_hold_the_level_if_their_order_is_known(ordered):
         rows = np.repeat(levels, NUM_STEPS, axis=0)
         rows += 0.3 * rng.normal(size=rows.shape)
         samples = samples_of(rows[:, 0], rows[:, 1:], num_windows)
-        test = conditional_test(samples, 0.0, seed, ordered=ordered)
+        test = conditional_test(samples, 0.0, seed, ordered=ordered, parts=('signs',))
         pvalues += [*test([(c,) for c in range(4)], ())]
     share = np.mean(np.array(pvalues) <= 0.05)
     assert share <= 0.1 if ordered else share > 0.15

@@ -12,27 +12,28 @@ from studies.tasks.level_worlds import EPISODES_A_ROBOT, IRRELEVANT, LEVEL_WORLD
 from studies.tasks.registry import TASKS
 
 
-def test_the_table_holds_the_shares_of_the_test_and_of_the_whole(tmp_path, capsys):
+def test_the_table_holds_the_shares_of_each_part_and_of_the_whole(tmp_path, capsys):
     log = tmp_path / 'trials.csv'
     options = ['--worlds', 'late', '--trials', '2', '--first-seed', '5', '--log', str(log)]
     assert main([*options, '--jobs', '1']) == 0
     output = capsys.readouterr().out
     with log.open(newline='') as file:
         rows = list(csv.DictReader(file))
-    pvalues = np.array(
-        [row['ranking'].split() for row in rows if row['method'] == 'pvalues'], float
-    )
+    pvalues = np.array([row['ranking'].split() for row in rows if row['method'] == 'parts'], float)
     names = TASKS['late'].channel_names[1:]
     assert names == (*IRRELEVANT, 'other_x')
+    signs, shifts = pvalues[:, : len(names)], pvalues[:, len(names) :]
     chosen = [set(row['ranking'].split()) - {'0'} for row in rows if row['method'] == 'automatic']
     assert len(chosen) == 2
-    found = pvalues <= 0.05
-    (line,) = (line for line in output.splitlines() if '| late | 60 |' in line)
-    cells = [cell.split(' ±')[0] for cell in line.strip('| ').split(' | ')]
-    assert cells[2] == f'{found.mean():.1%}'
-    by_kind = [found[:, i:j].mean() for i, j in ((0, 2), (2, 4), (4, 6), (6, 7))]
-    assert cells[4:8] == [f'{share:.1%}' for share in by_kind]
-    assert cells[8] == f'{np.mean([bool(c) for c in chosen]):.1%}'
+    both = (signs <= 0.05) & (shifts <= 0.05)
+    for part, found in (('signs', signs <= 0.05), ('shifts', shifts <= 0.05), ('both', both)):
+        (line,) = (line for line in output.splitlines() if f'| late | 60 | {part} |' in line)
+        cells = [cell.split(' ±')[0] for cell in line.strip('| ').split(' | ')]
+        assert cells[3] == f'{found.mean():.1%}'
+        by_kind = [found[:, i:j].mean() for i, j in ((0, 2), (2, 4), (4, 6), (6, 7))]
+        assert cells[5:9] == [f'{share:.1%}' for share in by_kind]
+        if part == 'both':
+            assert cells[9] == f'{np.mean([bool(c) for c in chosen]):.1%}'
     before = log.read_bytes()
     assert main([*options, '--jobs', '1']) == 0
     assert log.read_bytes() == before
