@@ -218,7 +218,7 @@ def test_of_more_than_there_is_room_for_the_newest_come_back(start_selector, pat
     ('damage', 'message'),
     [  # What else there is, test_file_reader.py knows.
         (lambda whole: whole[:-40], 'is truncated: it has '),
-        (lambda whole: whole.replace(b'episodes 5', b'episodes 1'), 'is of format version 1'),
+        (lambda whole: whole.replace(b'episodes 6', b'episodes 1'), 'is of format version 1'),
     ],
 )
 def test_a_file_that_cannot_be_used_is_kept_aside_and_the_node_starts_empty(

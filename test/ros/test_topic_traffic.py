@@ -38,9 +38,9 @@ def test_in_a_simulation_rates_are_those_of_its_clock():
     for second in (1000, 1004, 1010, 1000, 1010):  # It is set back once.
         simulated.take(Clock(clock=Time(sec=second)))
         traffic.take('/diagnostics', DiagnosticArray())
-        traffic.report(frozenset())
+        traffic.report(frozenset(), '')
     assert traffic.meter.rate('/diagnostics').messages == 5 / 20
-    traffic.report(frozenset({'/diagnostics'}))  # It stands still.
+    traffic.report(frozenset({'/diagnostics'}), '')  # It stands still.
     assert traffic.meter.saved['/diagnostics'].messages == 0
 
 
@@ -50,10 +50,10 @@ def test_the_reports_of_this_package_are_not_traffic_of_the_robot():
     own_report = diagnostics.diagnostic_array(DiagnosticArray().header.stamp, own)
     robots = DiagnosticArray(status=[DiagnosticStatus(name='cpu', hardware_id='mower')])
     traffic.take('/diagnostics', own_report)
-    traffic.report(frozenset())
+    traffic.report(frozenset(), '')
     assert traffic.meter.rate('/diagnostics') == Rate(0.0, 0.0)
     for message in (robots, own_report):
         traffic.take('/diagnostics', message)
-    traffic.report(frozenset())
+    traffic.report(frozenset(), '')
     rate = traffic.meter.rate('/diagnostics')
     assert rate.bytes / rate.messages == pytest.approx(len(serialize_message(robots)))
