@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import contextmanager
 
 import numpy as np
 import pytest
@@ -300,16 +301,26 @@ def in_namespace(space, path):
     return again
 
 
-def with_clock(path):
-    """Write a bag anew, with the time of recording as /clock, and return its path."""
-    again, kind = path.with_name('simulated'), 'rosgraph_msgs/msg/Clock'
+@contextmanager
+def anew(path, again):
+    """Open a bag and a writer of another, with the writer's connections by topic."""
     with open_bag(path) as reader, Writer(
         again, version=9, storage_plugin=StoragePlugin.MCAP
     ) as writer:  # fmt: skip
-        topics = {
-            c.topic: writer.add_connection(c.topic, c.msgtype, typestore=reader.types.store)
-            for c in reader.connections
-        }
+        yield (
+            reader,
+            writer,
+            {
+                c.topic: writer.add_connection(c.topic, c.msgtype, typestore=reader.types.store)
+                for c in reader.connections
+            },
+        )
+
+
+def with_clock(path):
+    """Write a bag anew, with the time of recording as /clock, and return its path."""
+    again, kind = path.with_name('simulated'), 'rosgraph_msgs/msg/Clock'
+    with anew(path, again) as (reader, writer, topics):
         clock = writer.add_connection('/clock', kind, typestore=STORE)
         for connection, time, data in reader.messages(reader.topics):
             stamp = STORE.types['builtin_interfaces/msg/Time'](*divmod(time, 10**9))
@@ -321,13 +332,7 @@ def with_clock(path):
 def changed(path, change):
     """Write a bag anew with other bytes, by topic and bytes, and return its path."""
     again = path.with_name('changed')
-    with open_bag(path) as reader, Writer(
-        again, version=9, storage_plugin=StoragePlugin.MCAP
-    ) as writer:  # fmt: skip
-        topics = {
-            c.topic: writer.add_connection(c.topic, c.msgtype, typestore=reader.types.store)
-            for c in reader.connections
-        }
+    with anew(path, again) as (reader, writer, topics):
         for connection, time, data in reader.messages(reader.topics):
             writer.write(topics[connection.topic], time, change(connection.topic, bytes(data)))
     return again

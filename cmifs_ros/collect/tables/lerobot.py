@@ -161,9 +161,9 @@ def _rewards(
         return rewards[rows].ravel()
     if success is None:
         return None
-    paid = np.zeros(len(rows))
-    paid[-1] = (success[rows] > 0).any()
-    return paid
+    rewards = np.zeros(len(rows))
+    rewards[-1] = (success[rows] > 0).any()
+    return rewards
 
 
 def _names(info: Info, start: str) -> dict[str, list[str]]:
