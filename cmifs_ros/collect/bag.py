@@ -27,8 +27,8 @@ from cmifs_ros.collect.sampling.bag_reader import (
     open_bag,
     unwatched,
 )
-from cmifs_ros.collect.sampling.event_order import SECOND
 from cmifs_ros.collect.sampling.message_reader import event_time
+from cmifs_ros.collect.sampling.moments import SECOND
 from cmifs_ros.collect.simulated_time import CLOCK, CLOCK_TYPE, SimulatedTime
 from cmifs_ros.collect.traffic import Traffic
 

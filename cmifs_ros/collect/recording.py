@@ -18,7 +18,7 @@ from .robot_file import RobotFile
 from .robot_file.template import robot_file_of_topics
 from .sampled_episodes import SampledEpisodes
 from .sampling.bag_reader import OpenBag, open_bag, unwatched
-from .sampling.event_order import SECOND
+from .sampling.moments import SECOND
 from .tables import arrow, hdf5, lerobot, lerobot_info, ulog
 from .tables.observed import observed
 from .tables.roles import Roles, steps_by_roles

@@ -11,7 +11,7 @@ from cmifs_ros.collect.robot_file.field_path import FieldPath, MissingFieldError
 from cmifs_ros.collect.robot_file.model import STATUS, RobotFile, Source, UnlistedCategoryError
 
 from .episode_ends import ENDS
-from .event_order import SECOND
+from .moments import SECOND
 
 UNREADABLE = (
     MissingFieldError, TypeError, ValueError, AttributeError, LookupError, ArithmeticError,

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from cmifs_ros.collect.robot_file.model import Source
 from cmifs_ros.core.words import counted, first, listed, short
 
-from .event_order import SECOND
+from .moments import SECOND
 
 #: Why a step lacks a value.
 NEVER, NOT_YET, SILENT = 'no message', 'no message yet', 'silent'

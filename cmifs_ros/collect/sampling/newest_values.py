@@ -14,10 +14,10 @@ from collections.abc import Collection, Iterator, Sequence
 
 from cmifs_ros.collect.robot_file.model import CHANNEL, RobotFile, Source, UnlistedCategoryError
 
-from .event_order import SECOND
 from .held_values import HeldValues
 from .message_reader import UNREADABLE
 from .missing_values import NEVER, NOT_YET, SILENT, silent_for
+from .moments import SECOND
 
 #: Seconds from the first message of any channel in which the first ones of the others are awaited.
 _FIRST = 1.0

@@ -21,10 +21,11 @@ from cmifs_ros.collect.robot_file.model import ACTION, CHANNEL, OWN_VALUES, Robo
 
 from . import missing_values
 from .episode_ends import EpisodeEnds
-from .event_order import CLOCK_SET, SECOND, EventOrder, Moment
+from .event_order import EventOrder
 from .held_values import HeldValues
 from .message_reader import MessageReader
 from .missing_values import MissingValues
+from .moments import CLOCK_SET, SECOND, Moment
 from .saving import Saving
 from .step import SilentTail, Step
 from .taken_actions import TakenActions

@@ -6,7 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cmifs_ros.collect.sampling.event_order import CLOCK_SET, SECOND, EventOrder
+from cmifs_ros.collect.sampling.event_order import EventOrder
+from cmifs_ros.collect.sampling.moments import CLOCK_SET, SECOND
 
 MS = SECOND // 1000
 
@@ -219,3 +220,63 @@ def test_one_topic_out_of_order_by_many_seconds_is_no_reset(delays, is_flushed):
     assert taken[: len(in_order)] == [(topic, time) for time, topic in in_order]
     assert None not in taken
     assert not +order.late
+
+
+def test_a_clock_that_was_set_back_before_the_topics_go_elsewhere_is_no_error():
+    order = EventOrder(['/a'])
+    taken = order.set_clock(5000 * MS)
+    taken += order.add('/a', 5000 * MS, 0, None)
+    taken += order.set_clock(0)
+    for time in range(900_000, 901_000, 100):  # Nothing came from the time that /clock tells.
+        taken += order.add('/a', time * MS, 0, None)
+    taken = in_ms(taken + order.flush())
+    assert taken[0] == ('/a', 5000)
+    assert [time for time in taken if time][-10:] == [
+        ('/a', time) for time in range(900_000, 901_000, 100)
+    ]
+
+
+@given(
+    st.lists(
+        st.tuples(
+            st.integers(-100_000, 100_000) | st.just(0),  # Where the clock is set, in ms.
+            st.integers(5, 60),
+            st.tuples(*[st.integers(0, 400)] * 3),  # How late each topic is.
+        ),
+        min_size=1,
+        max_size=5,
+    ),
+    st.sets(st.tuples(st.integers(0, 250), st.integers(-90_000, 90_000)), max_size=4),
+    st.booleans(), st.booleans(), st.sampled_from([5.0, None]),
+)  # fmt: skip
+def test_each_message_is_taken_once_or_counted(runs_, errors, has_clock, is_stamped, max_lateness):
+    """Clocks are set anywhere, single stamps are wrong; between settings the order holds."""
+    arrivals, begin = [], 1_000_000
+    for at, length, lateness in runs_:
+        for step in range(0, length * 100, 100):
+            time = 200_000 + at + step
+            if has_clock:
+                arrivals.append((begin + step, None, time))
+            for topic, late in zip('abc', lateness, strict=True):
+                stamp = time if is_stamped or topic != 'c' else None
+                arrivals.append((begin + step + late, topic, stamp))
+        begin += length * 100
+    for number, error in errors:
+        received, topic, time = arrivals[number % len(arrivals)]
+        if topic is not None and time is not None:
+            arrivals[number % len(arrivals)] = received, topic, time + error
+    order, taken, sent = EventOrder('abc', max_lateness), [], 0
+    for number, (received, topic, time) in enumerate(sorted(arrivals, key=lambda a: a[0])):
+        if topic is None:
+            taken += order.set_clock(time * MS)
+        else:
+            stamp, sent = None if time is None else time * MS, sent + 1
+            taken += order.add(topic, stamp, received * MS, number)
+    taken += order.flush()
+    numbers = [message.content for moment in taken for message in moment.messages]
+    assert len(set(numbers)) == len(numbers)
+    assert len(numbers) + order.late.total() + order.wrong.total() == sent
+    before = -1
+    for moment in taken:
+        assert moment is CLOCK_SET or moment.time > before
+        before = moment.time

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 from cmifs_ros.collect.episodes.pairing import EpisodeAssembler
 from cmifs_ros.collect.robot_file.reader import parse_robot_file
-from cmifs_ros.collect.sampling.event_order import SECOND
 from cmifs_ros.collect.sampling.message_reader import event_time
+from cmifs_ros.collect.sampling.moments import SECOND
 from cmifs_ros.collect.sampling.sampler import Sampler
 
 FILE = """

@@ -13,7 +13,7 @@ from selections import selection, sensor
 
 from cmifs_ros.collect.episodes.builder import EpisodeBuilder
 from cmifs_ros.collect.robot_file.reader import parse_robot_file
-from cmifs_ros.collect.sampling.event_order import SECOND
+from cmifs_ros.collect.sampling.moments import SECOND
 from cmifs_ros.collect.sampling.sampler import Sampler
 
 FILE = """

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cmifs_ros.collect.robot_file import RobotFileError, parse_robot_file
-from cmifs_ros.collect.sampling.event_order import SECOND
+from cmifs_ros.collect.sampling.moments import SECOND
 from cmifs_ros.collect.sampling.sampler import Sampler
 
 FILE = """

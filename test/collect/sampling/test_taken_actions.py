@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cmifs_ros.collect.robot_file.reader import parse_robot_file
-from cmifs_ros.collect.sampling.event_order import SECOND
+from cmifs_ros.collect.sampling.moments import SECOND
 from cmifs_ros.collect.sampling.sampler import Sampler
 
 FILE = """
