@@ -5,12 +5,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
 from .lsmi import Lsmi
 from .samples import StepSamples
+from .threads import in_threads
 
 
 class ConditionalMI:
@@ -69,14 +69,7 @@ class ConditionalMI:
         chunks = np.array_split(np.arange(len(subsets)), parts if self._n_jobs > 1 else 1)
         jobs = [(step, [subsets[i] for i in chunk]) for step in self._steps for chunk in chunks]
 
-        def objective(job):
-            return self._estimator.objective(*job)
-
-        if self._n_jobs > 1:
-            with ThreadPoolExecutor(self._n_jobs) as threads:
-                done = list(threads.map(objective, jobs))
-        else:
-            done = list(map(objective, jobs))
+        done = in_threads(lambda job: self._estimator.objective(*job), jobs, self._n_jobs)
         n = len(chunks)
         exact = np.stack([np.concatenate(done[i : i + n]) for i in range(0, len(done), n)])
         averaged = np.tensordot(self._window, exact, axes=1)

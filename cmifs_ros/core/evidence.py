@@ -30,7 +30,6 @@ of all these are combined by a Cauchy combination.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
@@ -40,6 +39,7 @@ from .episode_rows import EpisodeRows
 from .kernel_regression import KernelRegression, extended, residual, squared_distances
 from .products import PARTS, Products
 from .samples import Samples, normal_scores, standardized
+from .threads import in_threads
 
 #: Gaussians that explain the target by what is given: one for two episodes, within limits. With
 #: more episodes smaller errors of a stiff regression look like dependence.
@@ -209,10 +209,7 @@ class ConditionalTest:
     def _for_each(self, of_candidate: Callable, candidates, context: _Given) -> list:
         """Return what a function gives for the functions of each candidate."""
         own = context.own(candidates)
-        if self._n_jobs == 1:
-            return [of_candidate(context.functions(o)) for o in own]
-        with ThreadPoolExecutor(self._n_jobs) as threads:
-            return list(threads.map(lambda o: of_candidate(context.functions(o)), own))
+        return in_threads(lambda o: of_candidate(context.functions(o)), own, self._n_jobs)
 
     def _columns(self, given) -> list[int]:
         """Return the variables of the target that vary, of those that count given some channels."""
@@ -222,11 +219,10 @@ class ConditionalTest:
     def _residuals(self, regression: KernelRegression, targets: np.ndarray) -> np.ndarray:
         """Return what is left of targets (N, q), variant after variant, q columns each."""
         both = standardized(np.hstack([targets, normal_scores(targets)]))
-        bases = [regression.basis(space) for space in regression.tuned(both)]
-        left = [residual(both[:, [k]], basis) for k, basis in enumerate(bases)]
+        left = regression.residuals(both, regression.tuned(both))
         if self._discount:
-            left += [self._rows.differences(one, self._discount) for one in left]
-        return np.hstack(left)
+            left = np.hstack([left, self._rows.differences(left, self._discount)])
+        return left
 
     def _with_drift(self, basis: np.ndarray, left: np.ndarray) -> np.ndarray:
         """Return the basis with trends over the episodes, by step, if the residuals drift."""
@@ -263,13 +259,10 @@ class _Given:
         Channels of which that is less than a share are left out.
         """
         channels = list(dict.fromkeys(c for candidate in candidates for c in candidate))
-        spaces = self.regression.tuned(self._states[:, channels])
-        left = np.empty_like(self._states)
-        for space in set(spaces):
-            of_space = [c for c, s in zip(channels, spaces, strict=True) if s == space]
-            basis = self.regression.basis(space)
-            left[:, of_space] = residual(self._states[:, of_space], basis)
-        own = [left[:, list(candidate)] for candidate in candidates]
+        states = self._states[:, channels]
+        left = self.regression.residuals(states, self.regression.tuned(states))
+        place = {channel: k for k, channel in enumerate(channels)}
+        own = [left[:, [place[c] for c in candidate]] for candidate in candidates]
         return [o[:, o.var(axis=0) >= least] for o in own]
 
     def functions(self, own: np.ndarray) -> list[np.ndarray]:

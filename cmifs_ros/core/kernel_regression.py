@@ -11,10 +11,12 @@ leaves some of what it should explain in both, and their product then looks like
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+
+from .threads import in_threads
 
 #: Kernel widths, in standard deviations of a channel times the root of their number.
 _WIDTHS = (0.3, 0.6, 1.2, 2.4, 5.0)
@@ -103,11 +105,7 @@ class KernelRegression:
             ]
             return _Width(features, *_spectrum(total / len(features)), left_out)
 
-        if n_jobs > 1:
-            with ThreadPoolExecutor(n_jobs) as threads:
-                self._widths = list(threads.map(of_width, _WIDTHS))
-        else:
-            self._widths = list(map(of_width, _WIDTHS))
+        self._widths = in_threads(of_width, _WIDTHS, n_jobs)
 
     def tuned(self, targets: np.ndarray) -> list[Space]:
         """Return the best space for each of the targets (N, k)."""
@@ -126,12 +124,26 @@ class KernelRegression:
 
     def basis(self, space: Space) -> np.ndarray:
         """Return orthonormal columns (N, p + rank) that span a space."""
+        features, axes = self._axes(space)
+        columns = np.empty((len(features), axes.shape[1]))
+        columns[self._order] = features @ axes
+        return np.hstack([self._fixed, columns])
+
+    def residuals(self, targets: np.ndarray, spaces: Sequence[Space]) -> np.ndarray:
+        """Return what each of the targets (N, k) keeps after its projection on its own space."""
+        left = residual(targets, self._fixed)
+        for space in set(spaces):
+            features, axes = self._axes(space)
+            of_space = [k for k, one in enumerate(spaces) if one == space]
+            rows = np.ix_(self._order, of_space)
+            left[rows] -= features @ (axes @ (axes.T @ (features.T @ left[rows])))
+        return left
+
+    def _axes(self, space: Space) -> tuple[np.ndarray, np.ndarray]:
+        """Return features (N, d) and the axes (d, rank) by which they become orthonormal."""
         features, variances, directions, _ = self._widths[space.width]
         rank = min(_RANKS[space.rank], len(variances))
-        columns = np.empty((len(features), rank))
-        scale = np.sqrt(len(features) * variances[:rank])
-        columns[self._order] = features @ (directions[:, :rank] / scale)
-        return np.hstack([self._fixed, columns])
+        return features, directions[:, :rank] / np.sqrt(len(features) * variances[:rank])
 
     def _errors(self, targets: np.ndarray) -> np.ndarray:
         """Return the squared errors in folds left out, shape (widths, ranks, k)."""
