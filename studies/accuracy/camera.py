@@ -3,7 +3,7 @@
 """How often a camera is confirmed beside joint states, and when it should not be.
 
 An arm whose pictures are drawn, and robots of MuJoCo whose pictures are rendered. In some
-recordings only the camera shows what matters, in others the joint states show it, too, or the
+recordings only the camera shows what matters, in others the joint states show it too, or the
 camera is that of another robot.
 """
 
@@ -37,9 +37,9 @@ NUM_EPISODES = {'arm': drawn_arm.NUM_EPISODES} | {
     name: scene.num_episodes for name, scene in SCENES.items()
 }
 _WORDS = {
-    HIDDEN: 'it alone shows it',
-    GIVEN: 'the joint states say it, too',
-    ANOTHER: 'it is of another robot',
+    HIDDEN: 'only the camera shows it',
+    GIVEN: 'the joint states show it too',
+    ANOTHER: 'it is that of another robot',
 }
 
 

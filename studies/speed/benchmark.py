@@ -146,7 +146,7 @@ def summary(options: argparse.Namespace, rows: list[Row]) -> list[dict]:
 
 def table(options: argparse.Namespace, entries: list[dict]) -> str:
     """Return the table, followed by a comparison of results with the port's."""
-    head = ('method', 'cores', 'seconds', 'times faster', 'rank sum', 'peak memory')
+    head = ('method', 'cores', 'seconds', 'speed-up', 'rank sum', 'peak memory')
     lines, notes = [], []
     for entry in entries:
         if 'missing' in entry:

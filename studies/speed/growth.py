@@ -126,7 +126,7 @@ def run(options: argparse.Namespace) -> None:
         points = measure_growth(options, dimension)
         others = (f'{getattr(options, name)} {name}' for name in SIZES if name != dimension)
         print(
-            f'\n{METHODS[options.method]}, {options.jobs} processes, {", ".join(others)}, '
+            f'\n{METHODS[options.method]}, {options.jobs} threads, {", ".join(others)}, '
             f'{"all" if options.top is None else f"the best {options.top}"} ranked, '
             f'{options.trials} trials\n\n{table(dimension, points)}'
         )
