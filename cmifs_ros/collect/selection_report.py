@@ -18,7 +18,7 @@ PREDICTED = {RETURN: 'return', DECISION: 'reward', ACTION: 'action'}
 #: Line width of printed text.
 LINE_WIDTH = 80
 #: Why a sensor is undecided, where nothing but the number of episodes is the reason.
-FEW_EPISODES, WIDE_INTERVAL = 'few episodes', 'wide interval'
+FEW_EPISODES, BIASED, WIDE_INTERVAL = 'few episodes', 'biased episodes', 'wide interval'
 _PREDICTS = 'predicts '
 
 
@@ -162,7 +162,7 @@ def undecided_because(selection: Selection, sensor: SensorResult) -> str:
     if selection.episodes < FEWEST_EPISODES:
         return FEW_EPISODES
     if selection.losses:
-        return 'episodes lost by their end'
+        return BIASED
     if selection.level is not None and selection.level < sensor.pvalue <= USUAL_LEVEL:
         return f'p above {selection.level:.2g}'
     if sensor.together_with:

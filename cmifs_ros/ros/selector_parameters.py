@@ -53,8 +53,8 @@ PARAMETERS = (
          'Memory for the episodes kept, in units of 10^6 bytes; the oldest are removed first.',
          (1, 16_384)),
     Spec('stamp_tolerance', 0.0,
-         'Seconds by which the stamps of a state and its reward may differ; less than half a step.',
-         (0, 1e3)),
+         'Seconds by which the stamps of a state and its reward or action may differ; less than '
+         'half a step.', (0, 1e3)),
     Spec('fields', 'position',
          'Fields of the state message to use: "position,velocity,effort" or some of these.'),
     Spec('inf_value', inf,
@@ -71,7 +71,8 @@ PARAMETERS = (
     Spec('selection_timeout', 600.0, 'Seconds after which a selection is cancelled; 0: never.',
          (0, 1e6)),
     Spec('significance', 0.05,
-         'Probability that any sensor is confirmed when none is informative.', (1e-6, 0.5)),
+         'Probability that any sensor is ever confirmed when none is informative, over all '
+         'selections of a task.', (1e-6, 0.5)),
     Spec('margin', 0.02,
          "Share of the target's variance; a sensor that adds less is dispensable.", (1e-6, 0.999)),
     Spec('max_time_bins', -1,
@@ -92,7 +93,6 @@ SELECTION_PARAMETERS = {
 
 #: Special values; others are a number of bins.
 _TIME_BINS = {-1: 'auto', 0: None}
-
 
 #: Fields of a joint state.
 FIELDS = ('position', 'velocity', 'effort')

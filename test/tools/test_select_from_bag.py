@@ -666,7 +666,7 @@ def test_where_all_failures_are_lost_nothing_can_go_and_it_is_told(tmp_path, cap
     assert warning in ' '.join((tmp_path / 'page' / 'index.html').read_text().split())
     assert found['advice']['can_go'] == []
     assert {one['name'] for one in found['advice']['undecided']} == {'/arm', '/belt'}
-    assert words.rpartition('undecided: ')[2].count('(episodes lost by their end)') == 3
+    assert words.rpartition('undecided: ')[2].count('(biased episodes)') == 3
     # By these episodes alone something could go.
     recording = episodes_of_bag(path, parse_robot_file(DARK))
     alone = select(recording.episodes, recording.channel_names, 'conditional_mi', {})

@@ -299,7 +299,7 @@ class EventOrder:
 
 
 def _far(stamp: int, newest: int, is_received: bool) -> str:
-    what = f'{stamp / SECOND:.3f} s is far from the other topics, at {newest / SECOND:.3f} s'
+    what = f'{stamp / SECOND:.3f} s, is far from the other topics, at {newest / SECOND:.3f} s'
     if is_received:
         return (
             f'it has no stamp, and its receive time, {what}: if their time is simulated, '
