@@ -97,7 +97,7 @@ class Selection:
     means, spreads : tuple of float
         Mean in these data of each channel and, last, of the reward, and how far they go: their
         standard deviation or, if it is greater, as of a battery that drains, twice the range of
-        their means in the three thirds of the data.
+        their means in the three thirds of the data. Empty if these data were cleared.
     outdated : int
         Number of the oldest episodes that no longer fit the newest and were left out.
     number : int

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import time
 
 from cmifs_ros.collect.episodes.drift import Drift
@@ -47,7 +48,8 @@ class SelectionInUse:
     ):
         self.selection, self.channel_names = selection, channel_names
         self.selected_at, self.cause = selected_at, cause
-        self._drift: Drift | None = Drift(selection, horizon)
+        self._horizon = horizon
+        self._drift = Drift(selection, horizon)
 
     @property
     def age(self) -> float:
@@ -56,8 +58,8 @@ class SelectionInUse:
 
     @property
     def confirmed(self) -> tuple[str, ...]:
-        """The sensors that stay confirmed until dispensable; none if the data were cleared."""
-        return () if self._drift is None else self.selection.confirmed
+        """The sensors that stay confirmed until dispensable; none if its data were cleared."""
+        return self.selection.confirmed if self.selection.means else ()
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -67,12 +69,12 @@ class SelectionInUse:
 
     def add(self, episode: Episode) -> None:
         """Compare a new episode with those it was made from."""
-        if self._drift is not None:
-            self._drift.add(episode)
+        self._drift.add(episode)
 
     def forget_data(self) -> None:
-        """Stop comparing, because the episodes it was made from were cleared."""
-        self._drift = None
+        """Stop comparing, also after a restart: the episodes it was made from were cleared."""
+        self.selection = dataclasses.replace(self.selection, means=(), spreads=())
+        self._drift = Drift(self.selection, self._horizon)
 
     def doubt(self, attempt: str) -> str:
         """Return what speaks against it: that the data have changed, or the last attempt."""
@@ -84,4 +86,4 @@ class SelectionInUse:
     def changed(self) -> list[str]:
         """Return the channels, or 'the reward', whose distribution has changed."""
         names = (*self.channel_names, 'the reward')
-        return [] if self._drift is None else [names[index] for index in self._drift.changed()]
+        return [names[index] for index in self._drift.changed()]

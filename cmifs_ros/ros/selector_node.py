@@ -264,7 +264,8 @@ class SelectorNode(Node):
         for episode in saved.episodes:
             self._buffer.append(episode)
         self._buffer.renewals = max(self._buffer.renewals, saved.renewals)
-        self._input.restore_names(saved.channel_names, saved.action_names)
+        if saved.episodes:  # After they were cleared the first state determines the channels.
+            self._input.restore_names(saved.channel_names, saved.action_names)
         self._revision += 1
         if saved.selection is not None:
             age = max(0.0, time.time() - saved.selected_at)
@@ -279,6 +280,8 @@ class SelectorNode(Node):
         if in_use is not None:
             selection, selected_at = in_use.selection, time.time() - in_use.age
         channels, actions = self._names
+        if in_use is not None and channels is None:  # The episodes were cleared.
+            channels = in_use.channel_names
         episodes = self._buffer.snapshot()
         self._storage.save(
             Saved(

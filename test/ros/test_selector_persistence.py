@@ -205,6 +205,30 @@ def test_cleared_episodes_do_not_come_back(start_selector, path):
     assert robot.value('messages dropped: wrong_channels') == 0
 
 
+def test_what_was_confirmed_does_not_outlive_its_cleared_episodes(start_selector, path):
+    node, robot = start_selector(num_features=0)
+    robot.publish_episodes(numbered(range(40)), NAMES)
+    robot.wait_for_episodes(40)
+    assert json.loads(robot.call(robot.select_client).message)['names'] == ['c']
+    robot.call(robot.clear_client)
+    node.end()
+    _, robot = start_selector(num_features=0)
+    # The selection is in use until the next one, which has too few episodes to show that c does
+    # not matter any more.
+    robot.publish_state(1, NAMES, [1.0, 2.0, 3.0])
+    robot.until(lambda: robot.selected)
+    assert robot.selected[0].position.tolist() == [3]
+    others = numbered(range(100, 125))
+    robot.publish_episodes(
+        [Episode(a.states, b.rewards) for a, b in zip(others, others[::-1], strict=True)],
+        NAMES,
+        begin=2,
+    )
+    robot.wait_for_episodes(25)
+    found = json.loads(robot.call(robot.select_client).message)
+    assert found['names'] == []
+
+
 def test_of_more_than_there_is_room_for_the_newest_come_back(start_selector, path):
     episode_file.write(path, Saved(NAMES, numbered(range(40))))
     _, robot = start_selector(max_episodes=30)

@@ -100,7 +100,7 @@ def _read(file: BinaryIO, max_episodes: int | None, max_bytes: float) -> Saved:
         is_read = version >= WITH_ACTIONS and fields is not None
         if is_read and fields['version'] == selection_fields.VERSION:
             selection = selection_of(fields)
-            if not selection.names:
+            if not (selection.names and channel_names):
                 raise ValueError('a selection without channels')
         selected_at = float(header['selected_at'])
         renewals = float(header['renewals']) if version == VERSION else 0.0
