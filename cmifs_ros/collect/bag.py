@@ -32,8 +32,6 @@ from cmifs_ros.collect.sampling.moments import SECOND
 from cmifs_ros.collect.simulated_time import CLOCK, CLOCK_TYPE, SimulatedTime
 from cmifs_ros.collect.traffic import Traffic
 
-__all__ = ['BagError', 'episodes_of_bag', 'open_bag']
-
 JOINT_STATE = 'sensor_msgs/msg/JointState'
 
 

@@ -56,12 +56,10 @@ class TrafficMeter:
     def __init__(self):
         self._messages: Counter[str] = Counter()
         self._sizes: dict[str, int] = {}  # Sizes of the newest messages in bytes.
-        self._seconds: dict[
-            str, float
-        ] = {}  # Seconds for which a topic was on, since its first message.
-        self._cpu: dict[
-            bool, tuple[float, float]
-        ] = {}  # CPU and elapsed seconds while any topic is off.
+        # Seconds for which a topic was on, since its first message.
+        self._seconds: dict[str, float] = {}
+        # CPU and elapsed seconds, by whether any topic was off.
+        self._cpu: dict[bool, tuple[float, float]] = {}
         self.saved: dict[str, Rate] = {}
 
     def take(self, topic: str) -> None:

@@ -17,7 +17,7 @@ _LEVEL = 0.005
 #: A channel that correlates more strongly with the episode number acts as an episode counter.
 _MOST_CORRELATED = 0.9
 #: Number of change points tried, and the least number of episodes before a change point.
-_NUM_MOMENTS, _LEAST_BEFORE = 9, 10
+_NUM_CHANGE_POINTS, _LEAST_BEFORE = 9, 10
 
 
 def num_outdated(
@@ -31,10 +31,11 @@ def num_outdated(
 ) -> int:
     """Return how many of the oldest episodes no longer fit the newest; 0 if nothing changed.
 
-    `TargetTest` tests whether the return (with the target 'action', the action), given the channels
-    and the step, differs between the episodes before and after a change point. Nine change points
-    are tried, and the one with the least p-value counts. A channel that acts as an episode counter,
-    such as a draining battery, would explain any change, so it is left out.
+    `TargetTest` tests whether the return, given the channels, the action and the step, differs
+    between the episodes before and after a change point; with the target 'action', whether the
+    action does. Nine change points are tried, and the one with the least p-value counts. A channel
+    that acts as an episode counter, such as a draining battery, would explain any change, so it is
+    left out.
 
     Parameters
     ----------
@@ -60,8 +61,8 @@ def num_outdated(
     if last < _LEAST_BEFORE:
         return 0
     samples = scaled(episodes.samples)
-    moments = np.unique(np.linspace(_LEAST_BEFORE, last, _NUM_MOMENTS).astype(int))
-    is_after = standardized((samples.owner[:, None] >= moments).astype(float))
+    change_points = np.unique(np.linspace(_LEAST_BEFORE, last, _NUM_CHANGE_POINTS).astype(int))
+    is_after = standardized((samples.owner[:, None] >= change_points).astype(float))
     num_channels = samples.states.shape[1]
     age = standardized(samples.owner.astype(float))
     timeless = [
@@ -77,7 +78,7 @@ def num_outdated(
         random_state=random_state,
         ordered=False,
     )
-    pvalues = test([(num_channels + i,) for i in range(len(moments))], timeless)
+    pvalues = test([(num_channels + i,) for i in range(len(change_points))], timeless)
     clearest = int(np.argmin(pvalues))
-    is_change = pvalues[clearest] * len(moments) <= _LEVEL
-    return int(moments[clearest]) if is_change else 0
+    is_change = pvalues[clearest] * len(change_points) <= _LEVEL
+    return int(change_points[clearest]) if is_change else 0

@@ -15,11 +15,10 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Header, Int32MultiArray, MultiArrayDimension
 from visualization_msgs.msg import Marker, MarkerArray
 
-from cmifs_ros.collect.episodes.pairing import RewardSample
+from cmifs_ros.collect.episodes.builder import RewardSample
+from cmifs_ros.collect.sampling.moments import SECOND
 from cmifs_ros.core.channel_names import MAX_CHANNELS
 from cmifs_ros.core.words import counted
-
-NANOSECONDS = 1_000_000_000
 
 
 def message_type(name: str) -> type:
@@ -39,12 +38,12 @@ def message_type(name: str) -> type:
 
 def stamp_to_nanoseconds(stamp: Time) -> int:
     """Return a stamp as nanoseconds."""
-    return stamp.sec * NANOSECONDS + stamp.nanosec
+    return stamp.sec * SECOND + stamp.nanosec
 
 
 def stamp_from_nanoseconds(nanoseconds: int) -> Time:
     """Return nanoseconds, at least 0, as a stamp."""
-    sec, nanosec = divmod(nanoseconds, NANOSECONDS)
+    sec, nanosec = divmod(nanoseconds, SECOND)
     return Time(sec=sec, nanosec=nanosec)
 
 

@@ -8,9 +8,17 @@ from collections.abc import Mapping
 
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.node import Node
+
+from cmifs_ros.collect.robot_file.own_topics import HARDWARE_ID
 
 OK, WARN = DiagnosticStatus.OK, DiagnosticStatus.WARN
 ERROR, STALE = DiagnosticStatus.ERROR, DiagnosticStatus.STALE
+
+
+def name_of(node: Node) -> str:
+    """Return the name of a node that begins the names of its statuses."""
+    return node.get_fully_qualified_name().lstrip('/')
 
 
 def status(name: str, level: bytes, message: str, values: Mapping) -> DiagnosticStatus:
@@ -19,7 +27,7 @@ def status(name: str, level: bytes, message: str, values: Mapping) -> Diagnostic
         name=name,
         level=level,
         message=message,
-        hardware_id='cmifs_ros',
+        hardware_id=HARDWARE_ID,
         values=[KeyValue(key=key, value=str(value)) for key, value in values.items()],
     )
 

@@ -93,8 +93,7 @@ class SamplerNode(Node):
             max_ages[source.path.topic] = max(max_ages[source.path.topic], source.max_age)
         if self._robot.action:
             max_ages[self._robot.action + STATUS] = math.inf  # Published only when a goal changes.
-        name = self.get_fully_qualified_name().lstrip('/')
-        self._status = SamplerStatus(name, self._sampler, max_ages)
+        self._status = SamplerStatus(diagnostics.name_of(self), self._sampler, max_ages)
         self._subscriptions_by_topic: dict[str, FollowingSubscription] = {}
         self._problems: dict[str, str] = {}
         self._refused: set[str] = set()

@@ -17,6 +17,7 @@ from std_msgs.msg import String
 from cmifs_ros.collect.episodes.filter import layout_of
 from cmifs_ros.collect.robot_file.model import RobotFile
 from cmifs_ros.collect.sampling.message_reader import event_time
+from cmifs_ros.collect.sampling.moments import SECOND
 from cmifs_ros.collect.sampling.newest_values import NewestValues
 from cmifs_ros.collect.selection_fields import count_of, names_of
 from cmifs_ros.core.channel_names import MAX_CHANNELS
@@ -74,7 +75,7 @@ class SelectedState:
         self._is_simulated = is_simulated
         self._publisher = SelectedStatePublisher(node, settings)
         node.create_subscription(String, 'selection', self._on_selection, LATCHED_QOS)
-        self._period = int(conversions.NANOSECONDS / robot.rate) if robot.rate else None
+        self._period = int(SECOND / robot.rate) if robot.rate else None
         self._last_tick: int | None = None
         self._timer = None
         if self._period and not is_simulated:
@@ -114,7 +115,7 @@ class SelectedState:
 
     def status(self) -> DiagnosticStatus:
         """Return its status, once a second."""
-        name = f'{self._node.get_fully_qualified_name().lstrip("/")}: selected_state'
+        name = f'{diagnostics.name_of(self._node)}: selected_state'
         level, message = diagnostics.OK, 'nothing before the first selection'
         if self._selected is not None:
             message = self._selected_in_words()

@@ -18,8 +18,9 @@ from std_msgs.msg import Header, String
 
 from cmifs_ros.collect.discount import Discount
 from cmifs_ros.collect.episodes.buffer import EpisodeBuffer
+from cmifs_ros.collect.episodes.builder import RewardSample
 from cmifs_ros.collect.episodes.input_watch import InputWatch, Topic
-from cmifs_ros.collect.episodes.pairing import EpisodeAssembler, RewardSample
+from cmifs_ros.collect.episodes.pairing import EpisodeAssembler
 from cmifs_ros.collect.episodes.reward_reader import RewardReader
 from cmifs_ros.collect.selection_fields import names_of
 from cmifs_ros.core import Episode
@@ -198,7 +199,7 @@ class SelectorInput:
             },
         }
         found = self._watch.assessment
-        name = f'{self._node.get_fully_qualified_name().lstrip("/")}: input'
+        name = f'{diagnostics.name_of(self._node)}: input'
         return diagnostics.status(name, getattr(diagnostics, found.level), found.message, values)
 
     def _take_switched_off(self, msg: String) -> None:

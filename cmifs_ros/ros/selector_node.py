@@ -78,7 +78,7 @@ class SelectorNode(Node):
             self,
             self._settings,
             self._buffer,
-            on_state=self._output.relay_state,
+            on_state=self._output.relay.relay,
             on_publishers=self._output.relay.forget_publishers,
             on_episode=self._keep,
             on_channels=self._on_new_channels,
@@ -328,17 +328,14 @@ class SelectorNode(Node):
         self._output.update(self._attempt[1])
         statuses = [self._input.report(), self._selection_status()]
         if self._storage is not None:
-            statuses.append(self._storage.report(self._status_name('storage')))
+            statuses.append(self._storage.report())
         self._diagnostics_publisher.publish(
             diagnostics.diagnostic_array(self.get_clock().now().to_msg(), *statuses)
         )
 
-    def _status_name(self, what: str) -> str:
-        return f'{self.get_fully_qualified_name().lstrip("/")}: {what}'
-
     def _selection_status(self):
         return selector_status.selection(
-            self._status_name('selection'),
+            f'{diagnostics.name_of(self)}: selection',
             self._output,
             queue=self._queue,
             attempt=self._attempt,

@@ -7,7 +7,6 @@ from __future__ import annotations
 import dataclasses
 import json
 import time
-from array import array
 
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
@@ -113,10 +112,6 @@ class SelectorOutput:
         if doubt != self.in_use.selection.doubt or is_of_topics != self._is_of_topics:
             self.in_use.selection = selection
             self._publish_selection()
-
-    def relay_state(self, header: Header, names: list[str], values: array) -> None:
-        """Publish the selected channels of a state."""
-        self.relay.relay(header, names, values)
 
     def _apply(
         self, selection: Selection, channel_names: tuple[str, ...], selected_at: float, cause: str

@@ -93,8 +93,8 @@ class SelectorStorage:
         if self._saver is not None:
             self._saver.stop()
 
-    def report(self, name: str) -> DiagnosticStatus:
-        """Log new errors and return the status under this name."""
+    def report(self) -> DiagnosticStatus:
+        """Log new errors and return the status."""
         saver = self._saver
         values = {'path': self._path}
         if saver is not None:
@@ -106,6 +106,7 @@ class SelectorStorage:
                 'seconds of the last save': f'{saver.seconds:.3f}',
             }
         self._log_error()
+        name = f'{diagnostics.name_of(self._node)}: storage'
         level = diagnostics.ERROR if self._error else diagnostics.OK
         return diagnostics.status(name, level, self._error or 'saving', values)
 

@@ -13,12 +13,11 @@ import sys
 import numpy as np
 from nav_msgs.msg import OccupancyGrid
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header, Int32
 from visualization_msgs.msg import MarkerArray
 
-from cmifs_ros.collect.episodes.pairing import RewardSample
+from cmifs_ros.collect.episodes.builder import RewardSample
 from cmifs_ros.core.words import counted
 from cmifs_ros.sim import SCENARIOS, GridWorld, sample_action
 from cmifs_ros.sim.grid_world import MOVES, WALLS
@@ -26,6 +25,7 @@ from cmifs_ros.sim.gymnasium_world import GymnasiumWorld, WorldError
 
 from . import conversions
 from .parameters import Spec, declare
+from .qos import LATCHED_QOS, STREAM_QOS
 from .run_node import run_node
 
 MILLISECOND = 1_000_000  # in nanoseconds
@@ -54,17 +54,15 @@ class SimulatorNode(Node):
     def __init__(self):
         super().__init__('simulator')
         self._settings = declare(self, PARAMETERS, lambda values: None, self._apply_parameters)
-        stream = QoSProfile(depth=1000)
-        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        self._state_publisher = self.create_publisher(JointState, 'state', stream)
-        self._reward_publisher = self.create_publisher(JointState, 'reward', stream)
-        self._map_publisher = self.create_publisher(OccupancyGrid, 'map', latched)
+        self._state_publisher = self.create_publisher(JointState, 'state', STREAM_QOS)
+        self._reward_publisher = self.create_publisher(JointState, 'reward', STREAM_QOS)
+        self._map_publisher = self.create_publisher(OccupancyGrid, 'map', LATCHED_QOS)
         self._marker_publisher = self.create_publisher(MarkerArray, 'markers', 10)
         self.create_subscription(Int32, 'command', self._on_command, 10)
         # No actions for the grid world: the paper's criterion does not use them.
         self._action_publisher = None
         if self._settings['env']:
-            self._action_publisher = self.create_publisher(JointState, 'action', stream)
+            self._action_publisher = self.create_publisher(JointState, 'action', STREAM_QOS)
         self._action: int | None = None  # the newest one received
         self._acting: Header | None = None  # of the state whose action is pending
         self._world: GridWorld | GymnasiumWorld | None = None

@@ -66,7 +66,7 @@ class TopicSaving:
                 f'{rate_in_words(self._meter.rate(topic))}; so far {of.messages:.0f} messages, '
                 f'{size_in_words(of.bytes)}'
             )
-        name = f'{self._node.get_fully_qualified_name().lstrip("/")}: saving'
+        name = f'{diagnostics.name_of(self._node)}: saving'
         return diagnostics.status(name, diagnostics.OK, self._saving.in_words(), values)
 
     def _on_selection(self, message: String) -> None:

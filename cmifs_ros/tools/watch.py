@@ -17,7 +17,6 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.exceptions import InvalidNamespaceException
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.signals import SignalHandlerOptions
 from rclpy.validate_namespace import validate_namespace
 from rich.console import Console
@@ -25,16 +24,17 @@ from rich.live import Live
 from std_msgs.msg import String
 
 from cmifs_ros.collect.advice import advice_of
+from cmifs_ros.collect.robot_file.own_topics import is_own_entry
 from cmifs_ros.collect.selection_fields import selection_of
 from cmifs_ros.ros.heard_topics import HeardTopics
+from cmifs_ros.ros.qos import LATCHED_QOS
 from cmifs_ros.ros.run_node import end_in_any_case
 
 from .arguments import folder_to_write
 from .program import CommandError
 from .watch_view import Snapshot, Status, view
 
-#: The hardware_id in the diagnostics of selectors.
-_HARDWARE_ID = 'cmifs_ros'
+#: What the statuses of a selector are about.
 _OF_SELECTOR = ('input', 'selection', 'storage')
 #: Nodes that publish once a second have done so by then.
 _ROUND = 1.5
@@ -54,9 +54,8 @@ class Watcher:
         self._heard_at = self._heard_sampler_at = time.monotonic()
         self.snapshot = Snapshot()
         self._topics = HeardTopics(node)
-        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         node.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
-        node.create_subscription(String, 'selection', self._on_selection, latched)
+        node.create_subscription(String, 'selection', self._on_selection, LATCHED_QOS)
 
     @property
     def is_complete(self) -> bool:
@@ -80,7 +79,7 @@ class Watcher:
     def _on_diagnostics(self, msg: DiagnosticArray) -> None:
         for status in msg.status:
             node, _, what = status.name.rpartition(': ')
-            if status.hardware_id != _HARDWARE_ID or not node:
+            if not is_own_entry(status) or not node:
                 continue
             namespace = node.rpartition('/')[0]
             said = Status(

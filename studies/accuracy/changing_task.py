@@ -42,7 +42,7 @@ class Change(NamedTuple):
     before: str
     after: str
     alter: Callable[[list[Episode]], list[Episode]] = list
-    tells_a_little: frozenset[str] = frozenset()
+    weakly_informative: frozenset[str] = frozenset()
 
 
 CHANGES = {
@@ -56,7 +56,7 @@ CHANGES = {
 
 def follow(change: str, seed: int) -> list[tuple[bool, bool, bool, int]]:
     """Return, by number of new episodes, which selections are right and what was forgotten."""
-    before, after, alter, tells_a_little = CHANGES[change]
+    before, after, alter, weakly_informative = CHANGES[change]
     stream = TASKS[before].rollout(WINDOW, seed)
     stream += alter(TASKS[after].rollout(WINDOW, seed + 1_000_000))
     names = TASKS[after].channel_names
@@ -68,7 +68,7 @@ def follow(change: str, seed: int) -> list[tuple[bool, bool, bool, int]]:
         return select(episodes, names, 'conditional_mi', options, least_kept=least_kept)
 
     def is_right(selection):
-        return set(selection.names) - tells_a_little == relevant
+        return set(selection.names) - weakly_informative == relevant
 
     for count in NEW_EPISODES:
         window = stream[count : count + WINDOW]

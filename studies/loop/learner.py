@@ -65,15 +65,15 @@ class Learner:
         elif len(waiting) > MAX_UNPAIRED:
             waiting.popitem(last=False)
 
-    def on_step(self, state, paid):
-        episode, step, reward = paid['episode'], paid['step'], paid['reward']
+    def on_step(self, state, result):
+        episode, step, reward = result['episode'], result['step'], result['reward']
         if self.last and self.last[:2] == (episode, step - 1):
             self.remember(*self.last[2:], state)
-        self.last = (episode, step, state, int(paid['action']), reward)
+        self.last = (episode, step, state, int(result['action']), reward)
         self.episode_return += reward
-        if paid['terminated']:
+        if result['terminated']:
             self.remember(*self.last[2:], None)
-        if paid['terminated'] or paid['truncated']:
+        if result['terminated'] or result['truncated']:
             print(f'{self.episode_return:g}', flush=True)
             self.episode_return = 0.0
             self.finished += 1

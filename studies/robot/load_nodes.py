@@ -48,9 +48,8 @@ def publish(node, seconds: float, stopping: list) -> dict[str, int]:
     publishers = {t: node.create_publisher(type(m), t, qos) for t, (m, _, qos) in TOPICS.items()}
     while not stopping and not all(p.get_subscription_count() for p in publishers.values()):
         time.sleep(0.1)
-    time.sleep(
-        2.0
-    )  # The subscriber is discovered here; it takes longer to discover this publisher.
+    # The subscriber is discovered here; it takes longer to discover this publisher.
+    time.sleep(2.0)
     print('begin', flush=True)
     sent = dict.fromkeys(TOPICS, 0)
     begin = time.monotonic()

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""A controller on `selected_state`, beside all that happens to a robot in weeks."""
+"""A controller on `selected_state`, while all happens that happens to a robot in weeks."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header, String
 
+from cmifs_ros.collect.sampling.moments import SECOND
 from cmifs_ros.ros import conversions
 from cmifs_ros.ros.qos import LATCHED_QOS, STREAM_QOS
 from cmifs_ros.ros.run_node import make_executor
@@ -25,13 +26,13 @@ from studies.nodes.process import Process
 
 from .part import Part, quantiles
 
-#: Two sensors, either of which pays at a time, and two that never do.
+#: Two sensors that are the reward in turn, and two that never are.
 TOPICS = ('a', 'b', 'c', 'd')
 ROBOT_FILE = f"""
 step: {{topic: /step}}
 channels: {{{', '.join(f'{t}: {{path: /{t}.point.x, max_age: 0.5}}' for t in TOPICS)}}}
-values: {{paid: /step.point.x}}
-reward: paid
+values: {{gain: /step.point.x}}
+reward: gain
 episode: {{steps: 100}}
 saving: {{after: 2, explore_every: 40, explore_episodes: 20}}
 """
@@ -72,7 +73,7 @@ class Robot:
         self._levels = dict.fromkeys(TOPICS, 0.0)
         self._silent_until = dict.fromkeys(TOPICS, -math.inf)
         self._off_until = dict.fromkeys(TOPICS, -math.inf)
-        self._paying, self._time = TOPICS[0], 0
+        self._rewarded, self._time = TOPICS[0], 0
         self._sent_at: dict[str, dict[int, float]] = {}
         self.ages: dict[str, dict[int, float]] = {}
         self.counts: Counter[str] = Counter()
@@ -88,7 +89,7 @@ class Robot:
 
     def _reset(self) -> None:
         # No stamp of a run is one of another.
-        self._time = 1000 * conversions.NANOSECONDS + self.counts['resets'] * 1000
+        self._time = 1000 * SECOND + self.counts['resets'] * 1000
 
     @property
     def is_heard(self) -> bool:
@@ -139,7 +140,7 @@ class Robot:
         rclpy.shutdown(context=self._context)
 
     def _change_task(self) -> None:
-        self._paying = TOPICS[1 - TOPICS.index(self._paying)]
+        self._rewarded = TOPICS[1 - TOPICS.index(self._rewarded)]
         self.counts['changes of the task'] += 1
 
     def _silence(self) -> None:
@@ -152,19 +153,19 @@ class Robot:
         self._reset()
 
     def _step(self) -> None:
-        self._time += conversions.NANOSECONDS // RATE
+        self._time += SECOND // RATE
         stamp = conversions.stamp_from_nanoseconds(self._time)
-        paid, now = self._levels[self._paying], time.monotonic()
+        gain, now = self._levels[self._rewarded], time.monotonic()
         self._clock.publish(Clock(clock=stamp))
         message = PointStamped(header=Header(stamp=stamp))
         for name, level in self._levels.items():
             message.point.x = self._levels[name] = 0.97 * level + self._rng.normal(0, 0.25)
             if now >= self._silent_until[name]:
                 self._topics[name].publish(message)
-        message.point.x = paid + self._rng.normal(0, 0.1)
+        message.point.x = gain + self._rng.normal(0, 0.1)
         for sent in self._sent_at.values():
             sent[self._time] = time.monotonic()
-        self._relayed.publish(JointState(header=message.header, name=['x'], position=[paid]))
+        self._relayed.publish(JointState(header=message.header, name=['x'], position=[gain]))
         self._topics['step'].publish(message)
         self.counts['steps'] += 1
 

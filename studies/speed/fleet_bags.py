@@ -44,10 +44,10 @@ def write_bag(path: Path, number: int, *, episodes: int, steps: int, channels: i
     rewards = states[..., 0] + 0.5 * states[..., 1] + rng.normal(size=(episodes, steps))
     is_last = np.zeros((episodes, steps))
     is_last[:, -1] = 1.0
-    paid = np.stack([rewards, np.zeros_like(rewards), is_last], axis=2)
+    results = np.stack([rewards, np.zeros_like(rewards), is_last], axis=2)
     messages = {
         'state': ([f'channel_{i}' for i in range(channels)], states),
-        'reward': (['reward', 'terminated', 'truncated'], paid),
+        'reward': (['reward', 'terminated', 'truncated'], results),
     }
     first = number * (episodes * steps + RATE) * SECOND // RATE
     with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:

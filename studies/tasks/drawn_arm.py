@@ -2,9 +2,9 @@
 
 """An arm with a camera, drawn as blobs.
 
-It moves at random about its home, and is paid for being close to an object that drifts. The camera
-shows the object as a bright blob, beside another blob that does not matter, under a light that
-changes.
+It moves at random about its home, and is rewarded for being close to an object that drifts. The
+camera shows the object as a bright blob, next to another blob that does not matter, under a light
+that changes.
 """
 
 from __future__ import annotations

@@ -6,36 +6,37 @@ What is relevant follows from the equations of motion and the reward in Gymnasiu
 smallest set of channels that, with the policy here, makes the return independent of the others.
 
 cart_pole
-    The pole's acceleration depends on its angle, its angular velocity and the push. Each step
-    pays 1 until the angle exceeds 12 degrees, or the cart leaves the track, which it does not
-    within 30 steps; so position and velocity of the cart, which appear in neither, say nothing
-    beyond the pole's. They do correlate with it, for the same pushes move both. Pushes left and
+    The pole's acceleration depends on its angle, its angular velocity and the push. The reward of
+    each step is 1 until the angle exceeds 12 degrees, or the cart leaves the track, which it does
+    not within 30 steps; so position and velocity of the cart, which appear in neither, add nothing
+    to the pole's. They do correlate with these, because the same pushes move both. Pushes left and
     right are equally likely.
 pendulum
     A step costs angle^2 + 0.1 velocity^2 + 0.001 torque^2, and the acceleration depends on the
     sine of the angle: the future is that of angle and angular velocity, the angle being observed
     as cosine and sine. All three are relevant. The torque is uniform.
 taxi
-    Each step pays -1, a passenger where he wants to be +20, and picking him up or setting him
-    down in the wrong place -10. How far there is to go depends on the row and the column of the
-    taxi, where the passenger is and where he wants to be: all four.
+    The reward is -1 for each step, +20 for a passenger brought to his destination, and -10 for
+    picking him up or setting him down in the wrong place. The distance left depends on the row and
+    the column of the taxi, the place of the passenger and his destination: all four.
 cliff_walking
-    Each step pays -1, a fall from the cliff -100 and a return to the start. How far there is to
-    go and how near the cliff is depend on row and column: both.
+    The reward of each step is -1, that of a fall from the cliff -100, after which the robot is back
+    at the start. The distance left and that to the cliff depend on row and column: both.
 frozen_lake
-    The goal pays 1; holes end the episode. How near they are depends on row and column: both. The
-    ice is not slippery, for else the goal is hardly reached within the episode.
+    The reward at the goal is 1; holes end the episode. How near they are depends on row and column:
+    both. The ice is not slippery, because otherwise the goal is hardly reached within an episode.
 
 In these three the policy takes the action that would be best without chance, but draws one of
 all actions at random with probability 0.3. Where an environment ends an episode, it is shorter.
 
 reacher
-    A step costs how far the fingertip is from the target, and the squares of the torques, which
-    are random. That is the length of the vector between them, which is observed, and which the
-    angular velocities of both joints change. Angles and target tell where it is in another way.
+    The cost of a step is the distance of the fingertip from the target plus the squares of the
+    torques, which are random. The distance is the length of the vector between them, which is
+    observed, and which the angular velocities of both joints change. The angles and the target
+    determine it, too.
 inverted_pendulum
-    Each step pays 1 until the pole leans more than 0.2. As with cart_pole only the pole's angle
-    and angular velocity are relevant. The pushes are random.
+    The reward of each step is 1 until the pole leans more than 0.2. As with cart_pole only the
+    pole's angle and angular velocity are relevant. The pushes are random.
 
 Not taken: MountainCar and Acrobot, whose return does not vary within 30 steps of a random policy.
 """

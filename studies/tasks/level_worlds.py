@@ -132,20 +132,20 @@ def _one_channel(name: str, channel: int, num_episodes: int, seed: int) -> list[
     return [Episode(e.states[:, [channel]], e.rewards) for e in episodes]
 
 
-def _paid_at_the_end(num_steps: int, reward: float) -> np.ndarray:
+def _rewards_at_the_end(num_steps: int, reward: float) -> np.ndarray:
     return np.append(np.zeros(num_steps - 1), reward)
 
 
 def _vibration(rng):
     is_good = rng.random() < 0.3
     size = 1.0 if is_good else np.exp(rng.uniform(0.7, 3))
-    return np.arcsinh(size * rng.normal(size=15)), _paid_at_the_end(15, is_good)
+    return np.arcsinh(size * rng.normal(size=15)), _rewards_at_the_end(15, is_good)
 
 
 def _fading(rng):
     hidden = rng.normal()
     shown = hidden * np.exp(-np.arange(30) / 6) + 0.3 * rng.normal(size=30)
-    return shown, _paid_at_the_end(30, hidden + 0.5 * rng.normal())
+    return shown, _rewards_at_the_end(30, hidden + 0.5 * rng.normal())
 
 
 def _late(rng):

@@ -2,10 +2,10 @@
 
 """A robot with a lidar, simulated by ir-sim: it drives noisily to a goal among obstacles.
 
-The goal, always at the same place, pays 1 and a collision costs 1; both end the episode. Start
-and obstacles are drawn anew each time, and the robot does not heed the obstacles. How far the
-goal is depends on x and y, whether something is in the way on the lidar: these are relevant. The
-battery, the temperature, the signal of the radio, the accelerometer and the lidar of another
+The reward is 1 at the goal, which is always at the same place, and -1 at a collision; both end the
+episode. Start and obstacles are drawn anew each time, and the robot does not avoid the obstacles. x
+and y show how far the goal is, the lidar shows whether something is in the way: these are relevant.
+The battery, the temperature, the signal of the radio, the accelerometer and the lidar of another
 robot, whose episode is another one, are not. The package ir-sim is optional.
 """
 

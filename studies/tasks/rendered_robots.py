@@ -3,15 +3,16 @@
 """MuJoCo's robots with a camera that renders them.
 
 reacher
-    With random torques, it is paid for being close to a target, which stays in its place for an
-    episode, less the squares of the torques, which vary more. The camera looks down; the target is
-    a small red ball. The joint states hide its place, and the vector between it and the fingertip.
+    It moves with random torques. The reward falls with the distance to a target, which stays in its
+    place for an episode, and with the squares of the torques, which vary more. The camera looks
+    down; the target is a small red ball. The joint states hide its place, and the vector between it
+    and the fingertip.
 reacher_at_low_cost
     The same with a tenth of the cost of torques, so that the target matters more.
 inverted_pendulum
-    With random pushes, each step pays 1 until the pole leans too much. The joint states hide its
-    angle and angular velocity; the camera shows the former. The cart was pushed by the same forces,
-    and so says something of the pole.
+    It is pushed at random, and the reward of each step is 1 until the pole leans too much. The
+    joint states hide its angle and angular velocity; the camera shows the former. The same forces
+    push the cart, so its state tells something about the pole.
 """
 
 from __future__ import annotations

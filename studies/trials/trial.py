@@ -91,9 +91,8 @@ def run_trial(trial: Trial) -> Outcome:
     episodes = task.rollout(trial.episodes, trial.seed)
     start = time.perf_counter()
     with warnings.catch_warnings():
-        warnings.simplefilter(
-            'ignore', UserWarning
-        )  # Studies check themselves what the data cannot show.
+        # Studies check themselves what the data cannot show.
+        warnings.simplefilter('ignore', UserWarning)
         ranking = rank(
             trial.method, episodes, target=task.target, seed=trial.seed, sensors=task.sensors
         ).channels

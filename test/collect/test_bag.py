@@ -9,9 +9,10 @@ pytest.importorskip('rosbags', reason='rosbags is not here')
 from bags import STORE
 from rosbags.rosbag2 import StoragePlugin, Writer
 
-from cmifs_ros.collect.bag import BagError, episodes_of_bag
+from cmifs_ros.collect.bag import episodes_of_bag
 from cmifs_ros.collect.observed_bag import robot_file_of_bag
 from cmifs_ros.collect.robot_file.reader import parse_robot_file
+from cmifs_ros.collect.sampling.bag_reader import BagError
 from cmifs_ros.collect.traffic import rates_of
 
 SECOND = 10**9

@@ -26,7 +26,7 @@ from slow_episodes import SLOW_NAMES, slow_episodes
 from std_msgs.msg import Header, Int32MultiArray
 from std_srvs.srv import Trigger
 
-from cmifs_ros.collect.episodes.pairing import RewardSample
+from cmifs_ros.collect.episodes.builder import RewardSample
 from cmifs_ros.ros import conversions
 
 STREAM = QoSProfile(depth=10_000)

@@ -7,7 +7,7 @@ import pytest
 from std_msgs.msg import Header
 
 from cmifs_ros.collect.discount import Discount
-from cmifs_ros.collect.episodes.pairing import RewardSample
+from cmifs_ros.collect.episodes.builder import RewardSample
 from cmifs_ros.collect.episodes.reward_reader import RewardReader
 from cmifs_ros.ros import conversions
 

@@ -14,10 +14,16 @@ from bags import ROBOT_OF_ALL, STORE, write_bag
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import get_types_from_msg
 
-from cmifs_ros.collect.bag import BagError, episodes_of_bag
+from cmifs_ros.collect.bag import episodes_of_bag
 from cmifs_ros.collect.observed_bag import robot_file_of_bag
 from cmifs_ros.collect.robot_file.reader import parse_robot_file
-from cmifs_ros.collect.sampling.bag_reader import messages_of, open_bag, opened, storages_of
+from cmifs_ros.collect.sampling.bag_reader import (
+    BagError,
+    messages_of,
+    open_bag,
+    opened,
+    storages_of,
+)
 from cmifs_ros.ros import rosbag2
 from cmifs_ros.tools.bags import bag_opener
 

@@ -15,7 +15,7 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, String
 
-from cmifs_ros.collect.episodes.pairing import RewardSample
+from cmifs_ros.collect.episodes.builder import RewardSample
 from cmifs_ros.core import Episode
 from cmifs_ros.ros import conversions
 from cmifs_ros.ros.qos import LATCHED_QOS

@@ -17,7 +17,7 @@ from sensor_msgs.msg import JointState
 from slow_episodes import SLOW_NAMES, slow_episodes
 from std_msgs.msg import String
 
-from cmifs_ros.collect.episodes.pairing import RewardSample
+from cmifs_ros.collect.episodes.builder import RewardSample
 from cmifs_ros.core import ConditionalMISelector, Episode, KDRSelector
 from cmifs_ros.core.looks import level_of_look
 from cmifs_ros.ros import sampler_node, selector_parameters, simulator_node

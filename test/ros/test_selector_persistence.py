@@ -13,9 +13,9 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 from cmifs_ros.collect.episodes import file as episode_file
+from cmifs_ros.collect.episodes.builder import RewardSample
 from cmifs_ros.collect.episodes.file_format import Saved
 from cmifs_ros.collect.episodes.file_reader import read_episodes
-from cmifs_ros.collect.episodes.pairing import RewardSample
 from cmifs_ros.collect.sensor_topics import SensorTopics, topic_fields
 from cmifs_ros.core import Episode
 from cmifs_ros.ros import conversions

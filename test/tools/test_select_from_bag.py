@@ -17,10 +17,11 @@ pytest.importorskip('rosbags', reason='rosbags is not here')
 from bags import ROBOT, STORE, episodes_of, write_bag, write_states_and_rewards
 from rosbags.rosbag2 import StoragePlugin, Writer
 
-from cmifs_ros.collect.bag import BagError, episodes_of_bag, open_bag
+from cmifs_ros.collect.bag import episodes_of_bag
 from cmifs_ros.collect.encoders import Yaw
 from cmifs_ros.collect.episodes.file_reader import read_episodes
 from cmifs_ros.collect.robot_file.reader import parse_robot_file
+from cmifs_ros.collect.sampling.bag_reader import BagError, open_bag
 from cmifs_ros.core import ConditionalMISelector
 from cmifs_ros.core.selection import select
 from cmifs_ros.tools.make_robot_file import main as make_robot_file

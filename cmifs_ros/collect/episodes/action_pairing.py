@@ -69,9 +69,8 @@ class ActionPairing:
         self._expects = self._has_given_up = False
         self._actions: dict[int, array] = {}
         self._num_actions, self._newest = 0, -1  # Their number, and the stamp of the last one.
-        self._seen: tuple | None = (
-            None  # State at the last call of `look`, and how long it has been the same:
-        )
+        # State at the last call of `look`, and since when it has been the same.
+        self._seen: tuple | None = None
         self._seen_at = inf
         self._waiting: deque[_Waiting] = deque()
 

@@ -4,14 +4,12 @@
 
 from __future__ import annotations
 
-import hashlib
 import math
 from collections import OrderedDict
 from collections.abc import Iterable
 
-import numpy as np
-
 from cmifs_ros.core import Episode
+from cmifs_ros.core.fingerprints import fingerprint
 from cmifs_ros.core.words import counted
 
 
@@ -46,7 +44,7 @@ class EpisodeBuffer:
     """
 
     def __init__(self, max_episodes: int = 100, max_bytes: int | None = None):
-        self._episodes: OrderedDict[bytes, Episode] = OrderedDict()  # by digest
+        self._episodes: OrderedDict[bytes, Episode] = OrderedDict()  # by fingerprint
         self.num_repeated = self.num_clears = 0
         self.renewals = 0.0
         self._num_steps = 0
@@ -108,13 +106,13 @@ class EpisodeBuffer:
             raise ValueError(
                 f'the episode has {episode.nbytes} bytes; expected at most {self.max_bytes}'
             )
-        digest = _digest(episode)
-        if digest in self._episodes:
+        found = fingerprint(episode)
+        if found in self._episodes:
             self.num_repeated += 1
             return False
         if not self._make_room(1, episode.nbytes) and self._episodes:
             self.renewals += math.log2(1 + 1 / len(self))
-        self._episodes[digest] = episode
+        self._episodes[found] = episode
         self._num_steps += len(episode)
         self._nbytes += episode.nbytes
         return True
@@ -122,7 +120,7 @@ class EpisodeBuffer:
     def forget(self, episodes: Iterable[Episode]) -> None:
         """Remove some episodes; those no longer held are ignored."""
         for episode in episodes:
-            held = self._episodes.pop(_digest(episode), None)
+            held = self._episodes.pop(fingerprint(episode), None)
             if held is not None:
                 self._count_out(held)
         self.renewals = math.log2(max(len(self), 1))
@@ -154,13 +152,6 @@ class EpisodeBuffer:
     def _count_out(self, episode: Episode) -> None:
         self._num_steps -= len(episode)
         self._nbytes -= episode.nbytes
-
-
-def _digest(episode: Episode) -> bytes:
-    digest = hashlib.blake2b(np.ascontiguousarray(episode.states), digest_size=16)
-    digest.update(np.ascontiguousarray(episode.rewards))
-    digest.update(np.ascontiguousarray(episode.actions))
-    return digest.digest()
 
 
 def _checked(name: str, value: int) -> int:

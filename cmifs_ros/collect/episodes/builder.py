@@ -38,7 +38,7 @@ class RewardSample(NamedTuple):
 
     @property
     def end(self) -> str:
-        """The kind of end, terminated or truncated; empty if it does not end the episode."""
+        """The kind of end, terminated or truncated, of an episode that ends here."""
         return 'terminated' if self.terminated else 'truncated'
 
 

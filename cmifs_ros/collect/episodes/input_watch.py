@@ -97,10 +97,8 @@ class InputWatch:
         distance = self._assembler.nearest_state()
         has_paired = self._assembler.num_transitions != self._last_transitions
         self._last_transitions = self._assembler.num_transitions
-        self._is_unmatched, was_unmatched = (
-            distance is not None and not has_paired,
-            (self._is_unmatched),
-        )
+        was_unmatched = self._is_unmatched
+        self._is_unmatched = distance is not None and not has_paired
         if not (self._is_unmatched and was_unmatched):
             distance = None
         self.assessment = self._assess(topics, counts, distance)

@@ -11,7 +11,7 @@ from cmifs_ros.collect.discount import Discount
 from cmifs_ros.core.targets import TARGETS
 from cmifs_ros.core.words import counted, listed
 
-from .pairing import RewardSample
+from .builder import RewardSample
 
 
 class RewardReader:

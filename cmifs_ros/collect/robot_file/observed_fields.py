@@ -51,7 +51,7 @@ _KEY = re.compile(r'[^{},"\\\x00-\x1f]+')
 class TypeField(NamedTuple):
     """A field of a message type: its name and what it is.
 
-    `kind` is 'number', 'numbers' (an array), 'text', the name of a message type, or that name with
+    `what` is 'number', 'numbers' (an array), 'text', the name of a message type, or that name with
     '[]' for an array of messages; anything else has no numbers.
     """
 

@@ -29,7 +29,8 @@ _OF_SELECTOR = {
 _BESIDE_REWARD = {'state', 'action'}
 #: Share of equal stamps from which two topics belong together.
 _SAME = 0.9
-_HARDWARE = 'cmifs_ros'
+#: The `hardware_id` of this package's entries of /diagnostics.
+HARDWARE_ID = 'cmifs_ros'
 
 
 class Trace:
@@ -126,4 +127,4 @@ def own_topics(traces: Iterable[Trace]) -> dict[str, str]:
 
 def is_own_entry(entry) -> bool:
     """Return whether an entry of /diagnostics comes from a node of this package."""
-    return getattr(entry, 'hardware_id', None) == _HARDWARE
+    return getattr(entry, 'hardware_id', None) == HARDWARE_ID

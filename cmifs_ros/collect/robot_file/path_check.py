@@ -99,7 +99,7 @@ def _check_number(path: FieldPath, what: str, fields_of: FieldsOf) -> None:
 
 
 def _what(path: FieldPath, kind: str, fields_of: FieldsOf) -> str:
-    """Return the `kind` (see `TypeField`) of the field at the end of a path."""
+    """Return what the field at the end of a path is; see `TypeField`."""
     what, above = kind, FieldPath(path.topic)
     for depth, field in enumerate(path.fields):
         here = FieldPath(path.topic, path.fields[:depth])

@@ -47,9 +47,8 @@ class EpisodeEnds:
     def begin_anew(self) -> None:
         """Forget everything, because the clock was set."""
         self._goal: bytes | None = None
-        self._holds = dict.fromkeys(
-            ENDS, False
-        )  # By end, whether its condition held when last known.
+        # By end, whether its condition held when last known.
+        self._holds = dict.fromkeys(ENDS, False)
         self._has_been_zero: set[str] = set()
         self.forget_events()
 

@@ -26,10 +26,8 @@ class McapStorage:
         from mcap.reader import make_reader
 
         self._file = path.open('rb')
-        self._times, self._offsets = (
-            array('q'),
-            array('q'),
-        )  # Chunks, and messages outside of chunks.
+        # Of chunks, and of messages outside of chunks.
+        self._times, self._offsets = array('q'), array('q')
         self.times: tuple[int, ...] = ()
         self._ids: list[Collection[int]] = []  # The channels of a chunk; empty if unknown.
         try:
@@ -140,9 +138,8 @@ class McapStorage:
             stream, length = get_chunk_data_stream(chunk, validate_crc=True)
             data = stream.read(length)
         position = 0
-        while position < len(
-            data
-        ):  # Parsed by hand: most records belong to topics that are not requested.
+        # Parsed by hand: most records belong to topics that are not requested.
+        while position < len(data):
             opcode, size = struct.unpack_from('<BQ', data, position)
             begin, position = position + 9, position + 9 + size
             if opcode == _MESSAGE:

@@ -111,9 +111,8 @@ class Sampler:
         self._news: set[str] = set()  # Topics with a message processed since the last step.
         self._next_tick: int | None = None
         names = {name for source in self._robot.sources for name in (source.name, *source.names)}
-        self._before = dict.fromkeys(
-            names | OWN_VALUES, math.nan
-        )  # The values at the previous step.
+        # The values at the previous step.
+        self._before = dict.fromkeys(names | OWN_VALUES, math.nan)
         self._begin_episode()
 
     def _begin_episode(self) -> None:

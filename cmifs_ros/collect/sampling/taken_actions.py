@@ -37,9 +37,8 @@ class TakenActions:
 
     def __init__(self, sources: Iterable[Source]):
         self.held = HeldValues(sources)
-        self._waiting: list[
-            tuple[int, Mapping]
-        ] = []  # Messages of one time, at which a step may begin.
+        # Messages of one time, at which a step may begin.
+        self._waiting: list[tuple[int, Mapping]] = []
 
     def begin_anew(self) -> None:
         """Forget everything except latched values, because the clock was set."""

@@ -177,9 +177,8 @@ def _steps(name: str, group, unreadable: dict[str, str]) -> Steps:
     sizes |= {key: len(part) for key, part in values.items()}
     count = next(iter(sizes.values()), len(next(iter(states.values()))))
     for key, part in states.items():
-        sizes[f'state {key}'.strip()] = len(part) - (
-            len(part) == count + 1
-        )  # Also the state after the last step.
+        # There may also be the state after the last step.
+        sizes[f'state {key}'.strip()] = len(part) - (len(part) == count + 1)
     wrong = [f'{key} {size}' for key, size in sizes.items() if size != count]
     if wrong:
         raise RecordingError(

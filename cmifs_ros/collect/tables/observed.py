@@ -44,7 +44,7 @@ def observed(topic: str, table: Table, seconds: float) -> ObservedTopic:
 
 
 def _what(kind: str, found, count: int) -> str:
-    """Return the `kind` (see `TypeField`) of a column, or of columns below a name."""
+    """Return what a column is, or several below a name; see `TypeField`."""
     if isinstance(found, dict):
         parts, name = _QUATERNION
         return name if found.keys() == parts else kind

@@ -3,8 +3,9 @@
 from array import array
 
 from cmifs_ros.collect.episodes.buffer import EpisodeBuffer
+from cmifs_ros.collect.episodes.builder import RewardSample
 from cmifs_ros.collect.episodes.input_watch import InputWatch, Topic
-from cmifs_ros.collect.episodes.pairing import EpisodeAssembler, RewardSample
+from cmifs_ros.collect.episodes.pairing import EpisodeAssembler
 
 
 def test_until_an_episode_ends_its_length_is_told():

@@ -8,7 +8,8 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from cmifs_ros.collect.episodes.pairing import MAX_PENDING, EpisodeAssembler, RewardSample
+from cmifs_ros.collect.episodes.builder import RewardSample
+from cmifs_ros.collect.episodes.pairing import MAX_PENDING, EpisodeAssembler
 
 NAMES = ['a', 'b']
 

@@ -13,10 +13,10 @@ from bags import ROBOT, write_bag
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, IndexType, Writer
 
-from cmifs_ros.collect.bag import BagError, episodes_of_bag
+from cmifs_ros.collect.bag import episodes_of_bag
 from cmifs_ros.collect.observed_bag import robot_file_of_bag
 from cmifs_ros.collect.robot_file import parse_robot_file
-from cmifs_ros.collect.sampling.bag_reader import messages_of, open_bag
+from cmifs_ros.collect.sampling.bag_reader import BagError, messages_of, open_bag
 
 SRV = '=' * 80 + '\nSRV: a/srv/B_Event\nint64 a\n---\nint64 sum\n'
 #: Channels beside the robot's: type, encoding and text of the schema, how messages are written.

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from pyarrow import csv, parquet
 from streams import ROBOTS, STATUS, arrivals, as_message, collected, streams
 
-from cmifs_ros.collect.bag import episodes_of_bag, open_bag
+from cmifs_ros.collect.bag import episodes_of_bag
 from cmifs_ros.collect.recorded_episodes import RecordingError
 from cmifs_ros.collect.recording import (
     episodes_of_recording,
@@ -22,7 +22,7 @@ from cmifs_ros.collect.recording import (
     robot_file_of_recording,
 )
 from cmifs_ros.collect.robot_file.reader import parse_robot_file
-from cmifs_ros.collect.sampling.bag_reader import messages_of
+from cmifs_ros.collect.sampling.bag_reader import messages_of, open_bag
 
 
 def content_of(recorded):
