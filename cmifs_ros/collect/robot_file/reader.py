@@ -6,8 +6,6 @@ from __future__ import annotations
 
 import dataclasses
 import os
-from collections.abc import Iterable, Mapping
-from dataclasses import replace
 from pathlib import Path
 
 import yaml
@@ -15,9 +13,7 @@ import yaml
 from cmifs_ros.collect.discount import Discount
 from cmifs_ros.core import targets
 from cmifs_ros.core.channel_names import problem_of_names
-from cmifs_ros.core.words import did_you_mean
 
-from .expression import Expression
 from .field_path import FieldPath
 from .model import (
     ACTION,
@@ -30,8 +26,7 @@ from .model import (
     SavingCycle,
     Source,
 )
-from .source_reader import SourceReader
-from .yaml_nodes import shown
+from .rule_reader import RuleReader
 
 MAX_SIZE = 10**6
 _EXPECTED = 'expected a robot file; make_robot_file writes a first one'
@@ -111,44 +106,8 @@ def _not_yaml(text: str, error: Exception) -> str:
     return f'line {mark.line + 1}: not valid YAML ({getattr(error, "problem", "")}){hint}'
 
 
-class _FileReader(SourceReader):
+class _FileReader(RuleReader):
     """Read the whole file."""
-
-    def _rule(
-        self, node, what: str, numbers: frozenset[str], sources: Mapping[str, Source | None]
-    ) -> Expression | FieldPath | None:
-        """Return an expression or a path.
-
-        `numbers` are the names of single numbers. `sources` are all sources by name; None stands
-        for one that could not be read, which was reported already.
-        """
-        if node is None:
-            return None
-        if not isinstance(node, yaml.ScalarNode):
-            self.note(node, f'{what} is {shown(node)}; expected an expression or a path')
-            return None
-        if node.value.startswith('/'):
-            return self.path(node, what)
-        try:
-            rule = Expression(node.value)
-        except ValueError as error:
-            self.note(node, f'{what}: {error}')
-            return None
-        if unknown := sorted(rule.numbers - numbers):
-            meant = '' if unknown[0] in sources else did_you_mean(unknown[0], sorted(numbers))
-            way = _way_to_number(sources.get(unknown[0]))
-            self.note(
-                node,
-                f'{what} uses {", ".join(unknown)[:60]}{meant}; expected names of channels, '
-                f'actions or values that are single numbers{way}: '
-                f'{", ".join(sorted(numbers))[:300]}',
-            )
-        for name, words in rule.words.items():
-            if name not in sources or sources[name] is not None:
-                problem = _problem_of_words(name, words, sources.get(name))
-                if problem:
-                    self.note(node, f'{what} {problem}')
-        return rule
 
     def _clock(self, node) -> tuple[str | None, float | None]:
         """Return the topic and the rate of steps, one of which is None."""
@@ -201,37 +160,6 @@ class _FileReader(SourceReader):
                     sources.append(self.source(name, node, role))
         return sources, keys
 
-    def _with_words(
-        self, sources: tuple[Source, ...], rules: Iterable[Expression | FieldPath | None], node
-    ) -> tuple[Source, ...]:
-        """Return the sources; texts get the words they are compared with."""
-        words: dict[str, set[str]] = {}
-        numbers: set[str] = set()
-        for rule in rules:
-            if isinstance(rule, Expression):
-                numbers |= rule.numbers
-                for name, some in rule.words.items():
-                    words.setdefault(name, set()).update(some)
-        for name in sorted(numbers & words.keys() & {s.name for s in sources if s.role == VALUE}):
-            self.note(
-                node, f'{name} is compared with {min(words[name])!r} and used as a number; '
-                'expected one of these',
-            )  # fmt: skip
-        with_words = [
-            replace(source, words=tuple(sorted(words[source.name])))
-            if source.name in words and source.role == VALUE
-            else source
-            for source in sources
-        ]
-        names = [name for source in with_words for name in source.names]
-        if len(set(names)) < len(names) and not self.mistakes:
-            repeated = next(name for name in names if names.count(name) > 1)
-            self.note(
-                node, f'{repeated!r} is a channel and also a word of the text '
-                f'{repeated.split(".")[0]!r}; expected another name for one of them',
-            )  # fmt: skip
-        return tuple(with_words)
-
     def robot(self, root) -> RobotFile | None:
         """Read everything; return None if there is a mistake."""
         top = self.mapping(root, 'the file', _KEYS)
@@ -254,7 +182,7 @@ class _FileReader(SourceReader):
         # Names that could not be read count as known, so that each mistake is reported once.
         by_name = dict.fromkeys(keys) | {source.name: source for source in found}
         known = OWN_VALUES | {n for n, s in by_name.items() if s is None or s.names == (n,)}
-        reward = self._rule(top.get('reward'), 'reward', known, by_name)
+        reward = self.rule(top.get('reward'), 'reward', known, by_name)
         if isinstance(reward, FieldPath) and not reward.fields:
             self.note(top['reward'], 'reward is a topic without a field')
         episode = (
@@ -263,10 +191,10 @@ class _FileReader(SourceReader):
             else {}
         )
         terminated, truncated = (
-            self._rule(episode.get(end), f'episode.{end}', known, by_name)
+            self.rule(episode.get(end), f'episode.{end}', known, by_name)
             for end in ('terminated', 'truncated')
         )
-        found = self._with_words(found, (reward, terminated, truncated), top.get('values'))
+        found = self.with_words(found, (reward, terminated, truncated), top.get('values'))
         action = self.path(episode['action'], 'episode.action') if 'action' in episode else None
         steps = self.number(episode.get('steps'), 'episode.steps', 1, 10**6)
         discount = self._discount(top['discount']) if 'discount' in top else None
@@ -278,39 +206,6 @@ class _FileReader(SourceReader):
             action.topic if action else None, steps and int(steps), self.types, discount, source,
             target, saving,
         )  # fmt: skip
-
-
-def _way_to_number(source: Source | None) -> str:
-    """Return how an expression can use a single number of a source with several values."""
-    if source is None:
-        return ''
-    if source.one_hot:
-        return f' (of its categories: {source.name} == {source.one_hot[0]!r})'
-    if source.path.is_list:
-        entry = f'{source.path}[{source.path.indices[0]}]'
-        return f' (for one entry of an array, add under values: {source.name}_0: "{entry}")'
-    return ' (for one of several, add its path under values)'
-
-
-def _problem_of_words(name: str, words: Iterable[str], source: Source | None) -> str:
-    """Return why a source cannot be compared with words, or an empty text if it can."""
-    if source is not None and source.one_hot:
-        missing = sorted(set(words) - set(source.one_hot))
-        if not missing:
-            return ''
-        return (
-            f'compares {name} with {missing[0][:40]!r}; expected one of its one_hot: '
-            f'{", ".join(source.one_hot)[:300]}'
-        )
-    if source is not None and source.role == VALUE and source.names == (name,):
-        if source.over or source.inf:
-            return f'compares {name} with a text; expected it without over and inf'
-        return ''
-    path = source.path if source is not None and source.encoder is None else '/task/status.data'
-    return (
-        f'compares {name[:60]} with {min(words)[:40]!r}; expected a text defined under values, '
-        f'as in {name[:60]}: {path}, or a channel with one_hot'
-    )
 
 
 def _needed_for(target: str | None) -> dict[str, str]:
