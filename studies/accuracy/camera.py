@@ -25,7 +25,7 @@ from studies.tasks.drawn_arm import arm_with_camera
 from studies.tasks.registry import what_is_missing
 from studies.tasks.rendered_robots import SCENES, rendered_robot
 from studies.trials.arguments import add_log, add_names, study_parser
-from studies.trials.log import TrialLog
+from studies.trials.log import TrialLog, kept
 from studies.trials.parallel import finish
 from studies.trials.statistics import mean_and_error
 from studies.trials.tables import markdown_table
@@ -55,10 +55,7 @@ def camera_of(trial: Trial) -> Outcome:
 
 def run(options: argparse.Namespace) -> None:
     """Run the trials, then print the table."""
-    try:
-        log = TrialLog(options.log)
-    except (OSError, ValueError) as error:
-        raise CommandError(str(error)) from error
+    log = TrialLog(options.log)
     for robot in options.robots:
         if robot in SCENES and (missing := what_is_missing(SCENES[robot].environment)):
             raise CommandError(f'{robot}: {missing}')
@@ -90,8 +87,7 @@ def main(arguments: list[str] | None = None) -> int:
     add_names(parser, '--robots', ROBOTS, ROBOTS)
     add_log(parser)
     options = parser.parse_args(arguments)
-    kept = 'the same command continues where it stopped' if options.log else 'nothing is kept'
-    return exit_code('camera', lambda: run(options), kept)
+    return exit_code('camera', lambda: run(options), kept(options.log))
 
 
 if __name__ == '__main__':

@@ -15,11 +15,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cmifs_ros.tools.program import CommandError, exit_code
+from cmifs_ros.tools.program import exit_code
 from studies.methods.registry import METHODS
 from studies.tasks.registry import TASKS, what_is_missing
 from studies.trials.arguments import add_log, add_names, study_parser
-from studies.trials.log import TrialLog
+from studies.trials.log import TrialLog, kept
 from studies.trials.parallel import finish
 from studies.trials.tables import markdown_table
 from studies.trials.trial import Trial
@@ -191,10 +191,7 @@ ROWS = (
 
 def run(options: argparse.Namespace) -> None:
     """Run the trials, then print the table."""
-    try:
-        log = TrialLog(options.log)
-    except (OSError, ValueError) as error:
-        raise CommandError(str(error)) from error
+    log = TrialLog(options.log)
     missing = {task: what_is_missing(task) for task in options.tasks}
     for task, hint in missing.items():
         if hint:
@@ -243,8 +240,7 @@ def main(arguments: list[str] | None = None) -> int:
     add_names(parser, '--tasks', names, names)
     add_log(parser)
     options = parser.parse_args(arguments)
-    kept = 'the same command continues where it stopped' if options.log else 'nothing is kept'
-    return exit_code('evidence', lambda: run(options), kept)
+    return exit_code('evidence', lambda: run(options), kept(options.log))
 
 
 if __name__ == '__main__':

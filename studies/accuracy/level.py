@@ -18,11 +18,11 @@ import numpy as np
 from cmifs_ros.core.products import PARTS, SHIFTS, SIGNS
 from cmifs_ros.core.samples import collect_samples
 from cmifs_ros.core.targets import RETURN, TargetTest
-from cmifs_ros.tools.program import CommandError, exit_code
+from cmifs_ros.tools.program import exit_code
 from studies.tasks.level_worlds import KINDS, LEVEL_WORLDS
 from studies.tasks.registry import TASKS, what_is_missing
 from studies.trials.arguments import add_log, add_names, study_parser
-from studies.trials.log import TrialLog
+from studies.trials.log import TrialLog, kept
 from studies.trials.parallel import finish
 from studies.trials.statistics import mean_and_error
 from studies.trials.tables import markdown_table
@@ -100,10 +100,7 @@ def rows_of(world: str, num_episodes: int, results: Results) -> list[tuple]:
 
 def run(options: argparse.Namespace) -> None:
     """Run the trials, then print the table."""
-    try:
-        log = TrialLog(options.log, number=float)
-    except (OSError, ValueError) as error:
-        raise CommandError(str(error)) from error
+    log = TrialLog(options.log, number=float)
     missing = {world: what_is_missing(world) for world in options.worlds}
     for world, hint in missing.items():
         if hint:
@@ -132,8 +129,7 @@ def main(arguments: list[str] | None = None) -> int:
     add_names(parser, '--worlds', LEVEL_WORLDS, LEVEL_WORLDS)
     add_log(parser)
     options = parser.parse_args(arguments)
-    kept = 'the same command continues where it stopped' if options.log else 'nothing is kept'
-    return exit_code('level', lambda: run(options), kept)
+    return exit_code('level', lambda: run(options), kept(options.log))
 
 
 if __name__ == '__main__':

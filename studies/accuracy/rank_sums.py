@@ -22,7 +22,7 @@ from studies.methods.registry import METHODS, SELECTING
 from studies.tasks import registry as tasks
 from studies.tasks.registry import OF_EVIDENCE, TASKS
 from studies.trials.arguments import add_log, add_names, study_parser
-from studies.trials.log import TrialLog
+from studies.trials.log import TrialLog, kept
 from studies.trials.parallel import finish
 from studies.trials.tables import markdown_table
 from studies.trials.trial import Results, Trial
@@ -95,10 +95,7 @@ def number_table(results: Results, wanted: Sequence[Trial]) -> str:
 
 def run(options: argparse.Namespace) -> None:
     """Run the trials, then print the table."""
-    try:
-        log = TrialLog(options.log)
-    except (OSError, ValueError) as error:
-        raise CommandError(str(error)) from error
+    log = TrialLog(options.log)
     chosen_methods = available(
         NUMBER_METHODS if options.number else options.methods, methods.what_is_missing
     )
@@ -140,8 +137,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
 def main(arguments: list[str] | None = None) -> int:
     """Run the study; return the exit code."""
     options = parse(arguments)
-    kept = 'the same command continues where it stopped' if options.log else 'nothing is kept'
-    return exit_code('accuracy', lambda: run(options), kept)
+    return exit_code('accuracy', lambda: run(options), kept(options.log))
 
 
 if __name__ == '__main__':

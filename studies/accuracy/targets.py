@@ -21,14 +21,14 @@ from cmifs_ros.core import ConditionalMISelector, Episode
 from cmifs_ros.core.returns import discounted_returns
 from cmifs_ros.core.shadows import exchange
 from cmifs_ros.core.targets import ACTION, DECISION, RETURN, TARGETS
-from cmifs_ros.tools.program import CommandError, exit_code
+from cmifs_ros.tools.program import exit_code
 from studies.methods.conditional_importance import conditional_selection
 from studies.methods.forests import forest_importance
 from studies.methods.knockoffs import sequential_knockoffs
 from studies.methods.recursive_forests import recursive_selection
 from studies.tasks.control import CONTROL_WORLDS, rollout_control
 from studies.trials.arguments import add_log, add_names, study_parser
-from studies.trials.log import TrialLog
+from studies.trials.log import TrialLog, kept
 from studies.trials.parallel import finish
 from studies.trials.statistics import mean_and_error
 from studies.trials.tables import markdown_table
@@ -199,10 +199,7 @@ def table_of_errors(worlds: list[str], results: Results) -> str:
 
 def run(options: argparse.Namespace) -> None:
     """Run the trials, then print the tables."""
-    try:
-        log = TrialLog(options.log)
-    except (OSError, ValueError) as error:
-        raise CommandError(str(error)) from error
+    log = TrialLog(options.log)
     wanted = [
         Trial(
             world,
@@ -228,8 +225,7 @@ def main(arguments: list[str] | None = None) -> int:
     add_names(parser, '--worlds', CONTROL_WORLDS, CONTROL_WORLDS)
     add_log(parser)
     options = parser.parse_args(arguments)
-    kept = 'the same command continues where it stopped' if options.log else 'nothing is kept'
-    return exit_code('targets', lambda: run(options), kept)
+    return exit_code('targets', lambda: run(options), kept(options.log))
 
 
 if __name__ == '__main__':

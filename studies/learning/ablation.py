@@ -23,7 +23,7 @@ from cmifs_ros.core.statuses import STATUSES
 from cmifs_ros.core.targets import TARGETS
 from cmifs_ros.sim import sample_action
 from cmifs_ros.tools.arguments import file_to_write
-from cmifs_ros.tools.program import CommandError, exit_code
+from cmifs_ros.tools.program import exit_code
 from studies.tasks.control import CONTROL_WORLDS, skilled
 from studies.trials.arguments import add_names, study_parser
 from studies.trials.parallel import results_of
@@ -104,10 +104,7 @@ def table(rows: list[dict[str, str]], tasks: list[str]) -> str:
 
 def run(options: argparse.Namespace) -> None:
     """Run the trials that the file lacks, then print the table."""
-    try:
-        log = RowLog(options.out, COLUMNS)
-    except (OSError, ValueError) as error:
-        raise CommandError(str(error)) from error
+    log = RowLog(options.out, COLUMNS)
     seeds = range(options.first_seed, options.first_seed + options.trials)
     wanted = [(task, seed) for seed in seeds for task in options.tasks]
     done = {(r['task'], int(r['seed'])) for r in log.rows}

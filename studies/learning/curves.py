@@ -138,10 +138,7 @@ def run(options: argparse.Namespace) -> None:
     tasks = [task for task in options.tasks if not what_is_missing(task)]
     for task in set(options.tasks) - set(tasks):
         print(f'{task}: {what_is_missing(task)}')
-    try:
-        log = RowLog(options.out, COLUMNS)
-    except (OSError, ValueError) as error:
-        raise CommandError(str(error)) from error
+    log = RowLog(options.out, COLUMNS)
     done = {tuple(row[key] for key in COLUMNS[:5]) for row in log.rows}
     # Trial by trial, so that what is interrupted has all cases, only fewer trials.
     seeds = range(options.first_seed, options.first_seed + options.trials)

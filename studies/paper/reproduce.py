@@ -13,7 +13,7 @@ import sys
 from pathlib import Path
 
 from cmifs_ros.tools.arguments import folder_to_write, number_from
-from cmifs_ros.tools.program import CommandError, exit_code
+from cmifs_ros.tools.program import exit_code
 from studies.trials.arguments import add_names, study_parser
 from studies.trials.log import TrialLog
 from studies.trials.parallel import finish
@@ -27,11 +27,7 @@ METHODS = ('paper', 'kdr', 'default')
 
 def run(options: argparse.Namespace) -> None:
     """Run the missing trials, then draw and tabulate the requested ones."""
-    try:
-        options.out.mkdir(parents=True, exist_ok=True)
-        log = TrialLog(options.out / 'trials.csv')
-    except (OSError, ValueError) as error:
-        raise CommandError(str(error)) from error
+    log = TrialLog(options.out / 'trials.csv')
     wanted = plan(
         options.figure, options.methods, options.episodes, options.trials, options.first_seed
     )

@@ -8,16 +8,18 @@ import csv
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
+from cmifs_ros.tools.program import CommandError
+
 
 class RowLog:
-    """Read the rows that a file holds, and add to it.
+    """Read the rows in a file, and append to it.
 
-    A last line without its end, as a process that was killed leaves it, is dropped.
+    An incomplete last line, left by a killed process, is dropped.
 
     Parameters
     ----------
-    path : pathlib.Path
-        Made if it does not exist.
+    path : pathlib.Path, optional
+        Created if it does not exist; None: nothing is saved.
     columns : sequence of str
 
     Attributes
@@ -27,29 +29,46 @@ class RowLog:
 
     Raises
     ------
-    ValueError
-        If the file has other columns.
+    CommandError
+        If the file cannot be used or has other columns.
 
     """
 
-    def __init__(self, path: Path, columns: Sequence[str]):
+    def __init__(self, path: Path | None, columns: Sequence[str]):
         self._path, self._columns = path, tuple(columns)
         self.rows: list[dict[str, str]] = []
-        path.parent.mkdir(parents=True, exist_ok=True)
-        content = path.read_text() if path.exists() else ''
-        complete = content[: content.rfind('\n') + 1]
-        if not complete:
-            path.write_text(','.join(columns) + '\n')
+        if path is None:
             return
-        head, *rows = csv.reader(complete.splitlines())
-        if tuple(head) != self._columns:
-            raise ValueError(f'{path} begins with {head}; expected {self._columns}: move it away')
-        path.write_text(complete)
-        self.rows = [dict(zip(columns, row, strict=True)) for row in rows]
+        try:
+            self._read(path)
+        except (OSError, ValueError) as error:
+            raise CommandError(str(error)) from error
 
     def add(self, rows: Iterable[Sequence]) -> None:
         """Write rows that belong together."""
         texts = [[str(value) for value in row] for row in rows]
         self.rows += [dict(zip(self._columns, row, strict=True)) for row in texts]
-        with self._path.open('a', newline='') as file:
-            csv.writer(file, lineterminator='\n').writerows(texts)
+        if self._path is not None:
+            self._write(self._path, texts)
+
+    def _read(self, path: Path) -> None:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        content = path.read_bytes() if path.exists() else b''
+        complete = content[: content.rfind(b'\n') + 1]
+        if not complete:
+            path.write_bytes(b'')
+            self._write(path, [self._columns])
+            return
+        head, *rows = csv.reader(complete.decode(errors='replace').splitlines())
+        if tuple(head) != self._columns:
+            raise ValueError(f'{path} begins with {head}; expected the columns {self._columns}')
+        for line, row in enumerate(rows, start=2):
+            if len(row) != len(head):
+                raise ValueError(f'{path}, line {line} is {row}; expected {len(head)} values')
+            self.rows.append(dict(zip(head, row, strict=True)))
+        if complete != content:
+            path.write_bytes(complete)
+
+    def _write(self, path: Path, rows: Iterable[Sequence]) -> None:
+        with path.open('a', newline='') as file:
+            csv.writer(file, lineterminator='\n').writerows(rows)

@@ -15,6 +15,7 @@ pytest.importorskip('joblib')
 pytest.importorskip('matplotlib')
 
 from cmifs_ros.sim import rollout
+from cmifs_ros.tools.program import CommandError
 from studies.paper.figures import gravel_histogram, plan
 from studies.paper.reproduce import main
 from studies.trials.log import TrialLog
@@ -152,14 +153,18 @@ def test_results_do_not_depend_on_the_order_of_the_trials():
 def test_a_file_that_is_no_log_of_trials_is_refused(tmp_path):
     path = tmp_path / 'trials.csv'
     path.write_text('a,b\n')
-    with pytest.raises(ValueError, match=r"begins with \['a', 'b'\]; expected the columns"):
+    with pytest.raises(CommandError, match=r"begins with \['a', 'b'\]; expected the columns"):
         TrialLog(path)
-    path.unlink()
-    TrialLog(path)
-    with path.open('a') as file:
-        file.write('6a,without_gravel,kdr,many,0,0,0 1,0.1\n')
-    with pytest.raises(ValueError, match='line 2 is not a trial'):
+    for line, problem in (
+        ('6a,without_gravel,kdr,10,0,0,0 1,0.1\n', 'line 2 is .*; expected 7 values'),
+        ('without_gravel,kdr,many,0,0,0 1,0.1\n', 'line 2 is not a trial'),
+    ):
+        path.unlink()
         TrialLog(path)
+        with path.open('a') as file:
+            file.write(line)
+        with pytest.raises(CommandError, match=problem):
+            TrialLog(path)
     assert main([*TINY, '--out', str(tmp_path)]) == 1
 
 
