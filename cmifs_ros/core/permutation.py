@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""A permutation test of whether the return depends on any sensor at all."""
+"""A permutation test of whether the return, or the action, depends on any sensor at all."""
 
 from __future__ import annotations
 
@@ -48,12 +48,12 @@ def permutation_test(
     *,
     n_permutations: int = 99,
 ) -> PermutationTest:
-    """Test whether the return depends on any single sensor.
+    """Test whether the return depends on any single sensor; with the target 'action', the action.
 
     The statistic is the best score of a single sensor, the first of a forward selection. Whole
-    trajectories of states, with all their channels, are permuted over the episodes; the rewards
-    stay. If the return is independent of the states, all permutations are equally likely, and the
-    p-value is uniform on 1/(n + 1), 2/(n + 1), ..., 1. With unequal lengths (see
+    trajectories of states, with all their channels, are permuted over the episodes; rewards and
+    actions stay. If these are independent of the states, all permutations are equally likely, and
+    the p-value is uniform on 1/(n + 1), 2/(n + 1), ..., 1. With unequal lengths (see
     `shadows.exchange`) this requires that the lengths are independent of the states too.
 
     Parameters
@@ -77,7 +77,7 @@ def permutation_test(
 
     def best_score(states):
         pairs = zip(states, episodes, strict=True)
-        exchanged = [Episode(s, episode.rewards) for s, episode in pairs]
+        exchanged = [Episode(s, episode.rewards, episode.actions) for s, episode in pairs]
         return float(selector.single_scores(exchanged, names).max())
 
     rng = np.random.default_rng([selector.random_state, 2])

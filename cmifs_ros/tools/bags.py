@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""What opens bags here."""
+"""What opens bags here, and shows how far they have been read."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from importlib.util import find_spec
 
 from cmifs_ros.collect.sampling.bag_reader import OpenBag, has_rosbags, open_bag
@@ -16,3 +17,10 @@ def bag_opener() -> OpenBag:
 
         return rosbag2.open_bag
     return open_bag
+
+
+def with_progress(messages: Iterable, total: int) -> Iterable:
+    """Pass messages on, with a progress bar in a terminal."""
+    from tqdm import tqdm
+
+    return tqdm(messages, total=total, unit=' messages', disable=None, leave=False)

@@ -7,14 +7,13 @@ from __future__ import annotations
 import argparse
 import shutil
 import sys
-from pathlib import Path
 
 from cmifs_ros.collect.recorded_episodes import RecordingError
 from cmifs_ros.collect.recording import robot_file_of_recording
 from cmifs_ros.collect.robot_file.template import USE_SIM_TIME, robot_file_of_topics
 
 from .arguments import home_path, new_file, number_from
-from .bags import bag_opener
+from .bags import bag_opener, with_progress
 from .program import CommandError, exit_code
 
 
@@ -48,7 +47,11 @@ def main(arguments: list[str] | None = None, program: str = 'make_robot_file') -
 
 def _run(options: argparse.Namespace) -> None:
     try:
-        text = _read(options.bag) if options.bag else _listen(options.seconds)
+        text = (
+            robot_file_of_recording(options.bag, with_progress, bag_opener())
+            if options.bag
+            else _listen(options.seconds)
+        )
         if options.out is None:
             print(text, end='')
             return
@@ -73,15 +76,6 @@ def _run(options: argparse.Namespace) -> None:
             f'{run}selector_node' + (f' --ros-args{time}' if time else '')
         )
     print(f'written: {options.out}; complete what is marked TODO, then run: {then}')
-
-
-def _read(bag: Path) -> str:
-    from tqdm import tqdm
-
-    def watch(messages, total):
-        return tqdm(messages, total=total, unit=' messages', disable=None, leave=False)
-
-    return robot_file_of_recording(bag, watch, bag_opener())
 
 
 def _listen(seconds: int) -> str:

@@ -17,6 +17,7 @@ from cmifs_ros.collect.recorded_episodes import RecordedEpisodes, RecordingError
 from cmifs_ros.core import ConditionalMISelector, Episode
 from cmifs_ros.core.thinning import Plan, ThinnedEpisodes, joined, thinned
 
+from .bags import with_progress
 from .cluster import backend, connected
 
 #: Reads a recording; may take `watch`, see `episodes_of_recording`.
@@ -106,7 +107,7 @@ class _Here(Recordings):
         from tqdm import tqdm
 
         if self._jobs == 1 or len(paths) == 1:
-            yield from (_tried(path, partial(read, watch=_progress)) for path in paths)
+            yield from (_tried(path, partial(read, watch=with_progress)) for path in paths)
             return
         with backend(None):
             found = Parallel(self._jobs, return_as='generator')(
@@ -164,9 +165,3 @@ def _thinned(
     recording: RecordedEpisodes, share: Share, plan: Plan, *, gamma: float
 ) -> ThinnedEpisodes:
     return thinned(episodes_of_share(recording, share), gamma, plan)
-
-
-def _progress(messages: Iterable, total: int) -> Iterable:
-    from tqdm import tqdm
-
-    return tqdm(messages, total=total, unit=' messages', disable=None, leave=False)

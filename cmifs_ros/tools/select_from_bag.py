@@ -176,8 +176,7 @@ def _run(options: argparse.Namespace) -> None:
 
 def _check_sensors(robot: RobotFile, num_features: int | None) -> None:
     """Refuse more features than there are sensors; tell which channels the reward is made of."""
-    groups = groups_by_name(robot.channel_names)
-    count = len(robot.channel_names) - sum(len(channels) - 1 for channels in groups.values())
+    count = len(robot.channel_names) - sum(len(members) - 1 for members in robot.groups.values())
     if num_features is not None and num_features > count:
         raise CommandError(
             f'--num-features is {num_features}; expected at most {count}, the number of sensors in '

@@ -83,6 +83,19 @@ def test_the_pvalue_is_least_where_the_return_depends_on_a_sensor(lengths):
     assert result.statistic > result.null_distribution.max()
 
 
+def test_the_target_action_is_permuted_with_its_actions():
+    episodes = [
+        Episode(e.states, np.zeros(len(e)), e.rewards[:, None]) for e in dependent(0, [4] * 40)
+    ]
+    selector = ConditionalMISelector(target='action')
+    assert permutation_test(selector, episodes, n_permutations=9).pvalue == 1 / 10
+    shuffled = [
+        Episode(a.states, b.rewards, b.actions)
+        for a, b in zip(episodes, episodes[1:] + episodes[:1], strict=True)
+    ]
+    assert permutation_test(selector, shuffled, n_permutations=9).pvalue > 1 / 10
+
+
 def test_a_test_repeats_and_leaves_the_selector_alone():
     selector = ConditionalMISelector(random_state=4)
     first, second = (permutation_test(selector, independent(1), n_permutations=5) for _ in range(2))
