@@ -2,8 +2,8 @@
 
 """From a robot's messages to steps: states, actions and rewards in event time.
 
-The same class serves live messages and bags. It uses others for the order of events, the ends of
-episodes, the newest values and the missing ones.
+The same class serves live messages and bags. It uses others for the order of events, the steps and
+the ends of episodes, the newest values and the missing ones.
 """
 
 from __future__ import annotations
@@ -11,36 +11,26 @@ from __future__ import annotations
 import math
 from array import array
 from collections import Counter
-from typing import NamedTuple
 
-from cmifs_ros.collect.episodes.builder import RewardSample
 from cmifs_ros.collect.episodes.end_counts import EndCounts
 from cmifs_ros.collect.episodes.episode_check import Condition
 from cmifs_ros.collect.robot_file.expression import Expression
-from cmifs_ros.collect.robot_file.model import ACTION, CHANNEL, OWN_VALUES, RobotFile, Source
+from cmifs_ros.collect.robot_file.model import ACTION, CHANNEL, OWN_VALUES, RobotFile
 
-from . import missing_values
 from .episode_ends import EpisodeEnds
 from .event_order import EventOrder
 from .held_values import HeldValues
 from .message_reader import MessageReader
 from .missing_values import MissingValues
 from .moments import CLOCK_SET, SECOND, Moment
+from .open_episode import Beginning, OpenEpisode
 from .saving import Saving
-from .step import SilentTail, Step
+from .step import Step
 from .taken_actions import TakenActions
 
 #: After this silence a waiting step, or one at which the episode ends, is made.
 QUIET = 2 * SECOND
 _OWN = dict.fromkeys(OWN_VALUES, 0.0)
-
-
-class _Left(NamedTuple):
-    """The beginning of the current step: its time, and its state, None if a channel is missing."""
-
-    time: int
-    state: array | None
-    lacking: tuple[Source, ...]
 
 
 class Sampler:
@@ -116,12 +106,8 @@ class Sampler:
         self._begin_episode()
 
     def _begin_episode(self) -> None:
-        self._left: _Left | None = None
-        self._step = 0
-        self._lacking: set[str] = set()  # Sources that its steps lacked.
-        self._num_whole = 0
-        self._is_learned = not self.away
-        self._tail: SilentTail | None = None
+        self._left: Beginning | None = None  # Of the current step.
+        self._open = OpenEpisode(self._episode, not self.away, self._end, self.ends, self.missing)
         self._begin_step()
 
     def _begin_step(self) -> None:
@@ -248,22 +234,20 @@ class Sampler:
             self._before = values | _OWN
             self._begin(reached, before)
             return []
-        self._step += 1
+        self._open.step += 1
         if action.lacking:
             for source, cause in action.lacking.items():
                 self.missing.counts[source.name, cause] += 1
             left = left._replace(state=None, lacking=(*left.lacking, *action.lacking))
         else:
             values |= zip(self._robot.action_names, action.values, strict=True)
-        values |= {'step': float(self._step)} | self._end.goal_ends
+        values |= {'step': float(self._open.step)} | self._end.goal_ends
         has_ended = self._end.look(values, before, is_open=True)
         reward = self._reward(values, before)
-        steps = []
-        if self._is_learned:
-            steps = self._transition(left, action.values, reached, reward, has_ended)
+        steps = self._open.advance(left, action.values, reached, reward, has_ended)
+        self.num_steps += len(steps)
         if has_ended:
-            is_whole = self._is_learned and not self._lacking and self._tail is None
-            self.saving.end_episode(is_whole)
+            self.saving.end_episode(self._open.is_whole)
             self.away |= dict.fromkeys(self.saving.off, math.inf)
             self._episode += 1
             self._before = values | _OWN
@@ -275,54 +259,7 @@ class Sampler:
             self._begin_step()
         return steps
 
-    def _transition(
-        self, left: _Left, action: array, reached: _Left, reward: float, has_ended: bool
-    ) -> list[Step]:
-        """Return the steps that the transition from `left` to `reached` completes."""
-        end, steps = self._end, []
-        if left.state is None and self._tail is not None:
-            self._tail.extend(reward, left.lacking)
-        elif left.state is None:
-            self._lacking |= {source.name for source in left.lacking}
-        elif not math.isfinite(reward):
-            self.missing.counts['reward', missing_values.NO_VALUE] += 1
-            self._lacking.add('reward')
-        else:
-            self._num_whole += 1
-            sample = RewardSample(
-                reward, end.terminated, end.truncated, self._episode, self._step - 1
-            )
-            step = Step(left.time, left.state, sample, action)
-            if reached.state is None and not has_ended:
-                self._tail = SilentTail(step, reached.lacking, self._num_whole)
-            else:
-                steps = [step]
-        if self._tail is not None:
-            steps += self._follow_tail(reached, has_ended)
-        elif has_ended and self._lacking:
-            self.ends.add_lost(end.kind, f'a step lacks {self.missing.named(self._lacking)}')
-        elif has_ended:
-            self.ends.add(end.kind)
-        self.num_steps += len(steps)
-        return steps
-
-    def _follow_tail(self, reached: _Left, has_ended: bool) -> list[Step]:
-        """Return the step that waited while a topic was silent, once its fate is known."""
-        tail, end = self._tail, self._end
-        if not has_ended and tail.is_sound and reached.state is None:
-            return []
-        names = self.missing.named(self._lacking | tail.names)
-        # Windows of a fixed length end anywhere, so these are not shortened.
-        if has_ended and tail.is_sound and not self._lacking and end.kind != 'steps':
-            self.ends.add_shortened(end.kind, f'they lack {names}')
-            return [tail.with_end(end.terminated, end.truncated)]
-        if has_ended:
-            self.ends.add_lost(end.kind, f'a step lacks {names}')
-        self._lacking |= tail.names
-        self._tail = None
-        return [tail.step]
-
-    def _begin(self, reached: _Left, before: dict) -> None:
+    def _begin(self, reached: Beginning, before: dict) -> None:
         """Begin an episode, unless an end condition holds."""
         is_over = self._end.look(self._before, before, is_open=False)
         self._end.forget_events()
@@ -334,7 +271,7 @@ class Sampler:
             else:
                 self._left = reached
 
-    def _look(self, time: int) -> tuple[_Left, dict[str, float]]:
+    def _look(self, time: int) -> tuple[Beginning, dict[str, float]]:
         """Return the state at a time, and all values by name."""
         self.num_moments += 1
         state, lacking = array('d'), []
@@ -351,11 +288,11 @@ class Sampler:
             if source.role == CHANNEL:
                 state.extend(held)
             values |= zip(source.names, held, strict=True)
-        return _Left(time, None if lacking else state, tuple(lacking)), values
+        return Beginning(time, None if lacking else state, tuple(lacking)), values
 
     def _peek(self, time: int) -> dict[str, float]:
         """Return all values by name that the next step would have, if it were at a time."""
-        values = self._before | {'step': self._step + 1.0}
+        values = self._before | {'step': self._open.step + 1.0}
         for held in (self._held, self._actions.held):
             for source in held.sources:
                 if source.path.topic not in self._news:
