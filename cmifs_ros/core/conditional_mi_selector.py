@@ -178,7 +178,7 @@ class ConditionalMISelector(SensorSelector):
     def permutation_test(
         self, episodes, names: Sequence[str] | None = None, *, n_permutations: int = 99
     ) -> PermutationTest:
-        """Test whether the return depends on any sensor; see `permutation.permutation_test`."""
+        """Test whether the target depends on any sensor; see `permutation.permutation_test`."""
         return permutation_test(self, episodes, names, n_permutations=n_permutations)
 
     @property
