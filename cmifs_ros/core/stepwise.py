@@ -11,6 +11,7 @@ import numpy as np
 
 from .chance import combined_pvalue
 from .search import Criterion, Sensor
+from .targets import TargetTest
 
 #: Number of sensors without evidence that are listed given each other, and of the likeliest among
 #: which each is looked for: all would take most of the time where there are hundreds.
@@ -18,7 +19,7 @@ _MAX_LISTED = 8
 _MAX_LIKELY = 50
 #: Of these, the likeliest that are compared by their scores.
 _MAX_SCORED = 10
-#: Number of channels of which all pairs are tried if no single one has evidence.
+#: Number of sensors of which all pairs are tried when no single one has evidence.
 _MAX_PAIRED = 24
 #: Evidence is strong if the p-value is at most this share of the level.
 _STRONG = 0.1
@@ -49,8 +50,7 @@ class StepwiseSelection:
     ----------
     criterion : callable
         Scores channel subsets.
-    test : callable
-        Returns the p-value of each candidate given some channels, like `TargetTest`.
+    test : TargetTest
     sensors : sequence of tuple of int
         The channels of each sensor, without constant ones.
     significance : float
@@ -63,7 +63,7 @@ class StepwiseSelection:
     def __init__(
         self,
         criterion: Criterion,
-        test: Callable[[Sequence[Sensor], Sequence[int]], np.ndarray],
+        test: TargetTest,
         sensors: Sequence[Sensor],
         *,
         significance: float,
@@ -84,9 +84,7 @@ class StepwiseSelection:
         known = [f._replace(pvalue=0.0) for f in self._candidates(start, [])]
         chosen = self._joined([], known)
         while len(chosen) < len(self._sensors):
-            found = self._next(chosen)
-            if not found and not chosen:
-                found = self._pair()
+            found = self._next(chosen) or self._pair(chosen)
             if not found:
                 break
             chosen = self._joined(chosen, found)
@@ -197,10 +195,14 @@ class StepwiseSelection:
             finding = finding._replace(channels=(*finding.channels, left[likeliest]))
         return finding
 
-    def _pair(self) -> list[Finding]:
-        """Return two sensors with evidence given each other and a better joint score, or none."""
-        channels = [(i, (channel,)) for i, sensor in enumerate(self._sensors) for channel in sensor]
-        pvalues = self._test([unit for _, unit in channels], [])
+    def _pair(self, chosen: list[Finding]) -> list[Finding]:
+        """Return two sensors with evidence given each other and those chosen, or none.
+
+        In episodes left out they have to predict more together than either alone. (The score says
+        little of products: it knows neither the action nor what is explained already.)
+        """
+        channels = [(i, (c,)) for i in self._left(chosen) for c in self._sensors[i]]
+        pvalues = self._test([unit for _, unit in channels], self._given(chosen))
         best: dict[int, Finding] = {}
         for k in np.argsort(pvalues, kind='stable'):
             sensor, unit = channels[k]
@@ -210,18 +212,18 @@ class StepwiseSelection:
         pairs = []
         for place, one in enumerate(singles):
             later = singles[place + 1 :]
-            beside = self._test([other.channels for other in later], self._given([one]))
+            beside = self._test([other.channels for other in later], self._given([*chosen, one]))
             for other, pvalue in zip(later, beside, strict=True):
                 if pvalue * num_pairs <= self._significance:
-                    (reverse,) = self._test([one.channels], self._given([other]))
+                    (reverse,) = self._test([one.channels], self._given([*chosen, other]))
                     pairs.append((float(max(pvalue, reverse)) * num_pairs, one, other))
         pvalue, *found = min(pairs, key=lambda pair: pair[0], default=(1.0,))
         if pvalue > self._significance:
             return []
         found = [single._replace(pvalue=pvalue) for single in found]
-        alone = self._criterion([self._given([one]) for one in found])
-        (together,) = self._criterion([self._given(found)])
-        return found if together > max(0.0, *alone) else []
+        sets = [chosen, *([*chosen, one] for one in found), [*chosen, *found]]
+        *fewer, together = (self._test.predicted_share(self._given(taken)) for taken in sets)
+        return found if together > max(fewer) else []
 
     def _without_superfluous(
         self, chosen: list[Finding], num_candidates: int = 1, kept: Sequence[int] = ()

@@ -52,6 +52,22 @@ def test_what_is_selected_is_what_is_relevant(world):
     assert sum(right) >= 4, found
 
 
+@pytest.mark.parametrize('target', ['return', 'decision'])
+@pytest.mark.parametrize('weight', [0.0, 0.8])
+def test_a_product_of_two_is_found_beside_another_sensor_and_without(weight, target):
+    # The mean of each is 0 whatever the other is, so neither shows anything by itself.
+    found = []
+    for seed in range(2):
+        rng = np.random.default_rng(seed)
+        states, actions = rng.normal(size=(50, 20, 6)), rng.normal(size=(50, 20, 1))
+        rewards = states[..., 1] * states[..., 2] + weight * states[..., 0]
+        rewards += actions[..., 0] + rng.normal(size=rewards.shape)
+        episodes = [Episode(*one) for one in zip(states, rewards, actions, strict=True)]
+        selector = ConditionalMISelector(target=target, gamma=0.5).fit(episodes)
+        found.append(sorted(selector.get_feature_names_out()))
+    assert found == [['x0', 'x1', 'x2'] if weight else ['x1', 'x2']] * 2
+
+
 def test_an_ordinary_robot_is_understood_from_60_episodes():
     relevant, right = {'x', 'y', 'battery'}, []
     for seed in range(5):
