@@ -23,8 +23,9 @@ class Episode:
         demonstration without rewards, sets all to 0.
     actions : array_like, shape (T, a), optional
         ``actions[t]`` is the action taken at ``states[t]``; shape (T,) is one column.
-    source : str
-        The robot or recording, if there are several: each may have its own mean.
+    source : str, optional
+        The robot or recording, if there are several: each may have its own mean. What is no text
+        is turned into one; None is no source.
 
     Raises
     ------
@@ -72,6 +73,7 @@ class Episode:
         for name, values in arrays.items():
             values.setflags(write=False)
             object.__setattr__(self, name, values)
+        object.__setattr__(self, 'source', '' if self.source is None else str(self.source))
 
     def __len__(self) -> int:
         """Return the number of steps T."""

@@ -35,6 +35,11 @@ def test_episode_is_independent_of_the_arrays_it_was_made_of_and_read_only():
         made.states[0] = 1
 
 
+@pytest.mark.parametrize(('source', 'kept'), [(None, ''), ('cell', 'cell'), (2, '2')])
+def test_a_source_is_a_text_and_none_is_no_source(source, kept):
+    assert Episode(np.zeros((2, 1)), np.zeros(2), source=source).source == kept
+
+
 def test_pair_of_arrays_is_a_list_of_episodes():
     states = np.arange(24.0).reshape(2, 3, 4)
     rewards = np.arange(6.0).reshape(2, 3)
