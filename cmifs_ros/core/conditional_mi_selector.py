@@ -29,6 +29,10 @@ from .time_bins import MOST_BINS
 
 #: Episodes are shifted where signs give no more, so that no p-value depends on a smaller level.
 _LEAST_SHIFTED = 0.05
+_NO_ACTIONS = (
+    'there are no actions: a sensor that a controller needs to choose its action may seem '
+    'dispensable; record them, and name them (under `actions` in a robot file)'
+)
 
 
 class ConditionalMISelector(SensorSelector):
@@ -339,6 +343,8 @@ class ConditionalMISelector(SensorSelector):
             ordered=self._ordered,
             n_jobs=self.n_jobs,
         )
+        if self.target == DECISION and not num_actions:
+            self._warn_of([_NO_ACTIONS])
         check = {RETURN: problems_of_skill, ACTION: problems_of_held_actions}.get(self.target)
         if num_actions and check is not None:
             acting = samples.with_previous_actions()

@@ -37,6 +37,11 @@ def test_what_matters_only_with_the_action_is_not_seen_without():
     assert selected('match', 'return', with_actions=False).num_features_ == 0
 
 
+def test_a_decision_without_actions_is_told_to_lack_them():
+    found = [selected('match', 'decision', with_actions=given).warnings_ for given in (True, False)]
+    assert [any('there are no actions' in one for one in of) for of in found] == [False, True]
+
+
 def test_a_skilled_controller_is_told_and_its_actions_show_what_it_looks_at():
     world = CONTROL_WORLDS['stakes']
     episodes = rollout_control('stakes', world.num_episodes, 0, is_skilled=True)

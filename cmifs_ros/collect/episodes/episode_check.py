@@ -80,8 +80,9 @@ def problems_of_episodes(lengths: Sequence[int], num_cut: int, num_open_steps: i
     num_single = sum(length == 1 for length in lengths)
     if num_single > count / 2:
         problems.append(
-            f'a single step in {num_single} of {whole}: the end condition seems to hold at every '
-            'step; a topic that ends episodes must publish only when one ends'
+            f'a single step in {num_single} of {whole}: steps are as long as episodes, or the end '
+            'condition seems to hold at every step; a topic that ends episodes must publish only '
+            'when one ends'
         )
     if count < FEWEST_EPISODES:
         problems.append(

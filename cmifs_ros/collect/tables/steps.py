@@ -81,7 +81,9 @@ def episodes_of_steps(
 ) -> RecordedEpisodes:
     """Return the episodes of a recording.
 
-    An episode with a number that is not finite is dropped, and counted by where it occurs.
+    An infinite value of a sensor is out of range (REP 117): it becomes the greatest or the least
+    value of its channel in the recording. An episode with another number that is not finite is
+    dropped, and counted by where it occurs.
 
     Parameters
     ----------
@@ -109,7 +111,7 @@ def episodes_of_steps(
     names = replace(names, of_actions={**names.of_actions, **choices})
     if len({part.rewards is None for part in parts}) > 1:
         raise RecordingError(f'{path} has rewards in some episodes only; expected them in all')
-    states, channels = _stacked(path, parts, 'states'), []
+    states, channels = _within_range(_stacked(path, parts, 'states')), []
     for key, size in _sizes(parts[0].states).items():
         channels += _channel_names(key, size, names)
     actions, action_names = _stacked(path, parts, 'actions'), []
@@ -161,6 +163,15 @@ def _stacked(path, parts: Sequence[Steps], what: str) -> list[np.ndarray]:
         columns = [np.asarray(values[key], float) for key in expected]
         stacked.append(np.column_stack(columns) if columns else np.empty((len(part), 0)))
     return stacked
+
+
+def _within_range(states: list[np.ndarray]) -> list[np.ndarray]:
+    """Return the states with the greatest and least finite value of a channel for infinite ones."""
+    greatest, least = (
+        beyond([beyond(s, axis=0, where=np.isfinite(s), initial=-end) for s in states], axis=0)
+        for beyond, end in ((np.max, np.inf), (np.min, -np.inf))
+    )
+    return [np.clip(of_episode, least, greatest) for of_episode in states]
 
 
 def _shown(sizes: Mapping[str, int]) -> str:

@@ -134,6 +134,22 @@ def test_a_row_without_an_episode_is_named():
         episodes_of_recording(table, roles=ROLES)
 
 
+def test_a_reading_out_of_range_is_the_greatest_or_least_and_other_gaps_drop_their_episode():
+    table = log()
+    heat = table['temperature'].to_numpy().copy()
+    expected = heat.copy()
+    heat[[0, 7]], heat[5] = np.inf, -np.inf  # in the first two of three batches
+    heat[12] = np.nan  # in the third
+    finite = heat[np.isfinite(heat)]
+    expected[[0, 7]], expected[5] = finite.max(), finite.min()
+    table = table.set_column(table.column_names.index('temperature'), 'temperature', [heat])
+    found = episodes_of_recording(table, roles=ROLES)
+    column = found.channel_names.index('temperature')
+    seen = np.concatenate([episode.states[:, column] for episode in found.episodes])
+    np.testing.assert_array_equal(seen, expected[:10])
+    assert found.dropped == {'episodes in which temperature is not a finite number': 1}
+
+
 def test_a_column_has_one_role():
     with pytest.raises(ValueError, match='score has two roles'):
         Roles('batch', reward='score', action=('score',))
