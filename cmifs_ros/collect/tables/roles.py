@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,14 +24,14 @@ class Roles:
     ----------
     episode : str, optional
         Names or numbers the episode of each row.
-    done : tuple of str
+    done : str or sequence of str
         Any of them is true at the last step of an episode, in place of `episode`. With neither, a
         table is an episode.
     reward : str, optional
         The reward of each step.
-    action : tuple of str
+    action : str or sequence of str
         The actions.
-    ignore : tuple of str
+    ignore : str or sequence of str
         Columns that are left out.
 
     Raises
@@ -41,12 +42,15 @@ class Roles:
     """
 
     episode: str | None = None
-    done: tuple[str, ...] = ()
+    done: str | Sequence[str] = ()
     reward: str | None = None
-    action: tuple[str, ...] = ()
-    ignore: tuple[str, ...] = ()
+    action: str | Sequence[str] = ()
+    ignore: str | Sequence[str] = ()
 
     def __post_init__(self):
+        for role in ('done', 'action', 'ignore'):
+            given = getattr(self, role)
+            object.__setattr__(self, role, (given,) if isinstance(given, str) else tuple(given))
         if self.episode and self.done:
             raise ValueError(
                 f'episodes are separated by {self.episode} and by {listed(self.done)}; '

@@ -157,6 +157,13 @@ def test_a_column_has_one_role():
         Roles('batch', done=('over',))
 
 
+def test_a_single_column_may_be_given_by_its_name():
+    alone = Roles('batch', reward='score', action='heater', ignore='t')
+    assert alone == Roles('batch', reward='score', action=['heater'], ignore=('t',))
+    names = episodes_of_recording(log(), roles=alone).action_names
+    assert names == ('action_heater.0', 'action_heater.1')
+
+
 def test_only_tables_have_roles(tmp_path):
     (tmp_path / 'run.mcap').touch()
     with pytest.raises(RecordingError, match='not a table'):
