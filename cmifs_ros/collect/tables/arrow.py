@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -13,6 +14,8 @@ from .table import NANOSECONDS, SECONDS, STAMP, Column, Table, times_of
 
 #: The files of tables.
 SUFFIXES = ('.parquet', '.csv')
+#: The names that pandas gives to an index without a name, in Parquet and in CSV.
+_INDEX = re.compile(r'__index_level_\d+__|')
 
 
 def pyarrow():
@@ -41,9 +44,10 @@ def read(path: Path):
 
     try:
         if path.suffix == '.csv':
-            return csv.read_csv(path)
+            return _without_index(csv.read_csv(path))
         file = parquet.ParquetFile(path)
-        return file.read([part.name for part in file.schema_arrow if is_wanted(part.type)])
+        wanted = [part.name for part in file.schema_arrow if is_wanted(part.type)]
+        return _without_index(file.read(wanted))
     except (pa.ArrowException, OSError) as error:
         what = ' '.join(str(error).split())[:300]
         raise RecordingError(f'{path} cannot be read as {path.suffix[1:]}: {what}') from error
@@ -62,11 +66,16 @@ def read_all(path: Path, files: Iterable[Path]):
 def table_of(frame):
     """Return a data frame as an Arrow table; raise RecordingError if it is not one."""
     try:
-        return pyarrow().table(frame)
+        return _without_index(pyarrow().table(frame))
     except (TypeError, ValueError) as error:
         raise RecordingError(
             f'{type(frame).__name__} is not a data frame: {" ".join(str(error).split())[:300]}'
         ) from error
+
+
+def _without_index(table):
+    """Return an Arrow table without the numbers of rows that pandas writes as a column."""
+    return table.drop_columns([name for name in table.column_names if _INDEX.fullmatch(name)])
 
 
 def files_in(path: Path) -> list[Path]:

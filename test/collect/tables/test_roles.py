@@ -164,6 +164,21 @@ def test_a_single_column_may_be_given_by_its_name():
     assert names == ('action_heater.0', 'action_heater.1')
 
 
+@pytest.mark.parametrize('way', ['frame', 'parquet', 'csv'])
+def test_the_index_of_a_data_frame_is_no_sensor(way, tmp_path):
+    pandas = pytest.importorskip('pandas', reason='pandas is not here')
+    parts = [log(seed=seed).to_pandas().assign(day=seed) for seed in range(2)]
+    frame = pandas.concat(parts)  # its index begins anew
+    frame['batch'] = frame['day'].astype(str) + frame['batch']
+    if way != 'frame':
+        path = tmp_path / f'oven.{way}'
+        getattr(frame, f'to_{way}')(path)
+        frame = path
+    found = episodes_of_recording(frame, roles=ROLES)
+    assert found.channel_names == ('temperature', 'humidity', 'over', 'stopped', 'day')
+    assert len(found.episodes) == 6
+
+
 def test_only_tables_have_roles(tmp_path):
     (tmp_path / 'run.mcap').touch()
     with pytest.raises(RecordingError, match='not a table'):
