@@ -86,7 +86,7 @@ def episodes_of_share(recording: RecordedEpisodes, share: Share) -> list[Episode
     """Return the episodes that a recording gives to a pool, each with its source."""
     episodes = [recording.episodes[i] for i in share.which]
     without = {} if share.with_actions else {'actions': None}
-    return [replace(episode, source=share.source, **without) for episode in episodes]
+    return [replace(e, source=share.source or e.source, **without) for e in episodes]
 
 
 def source_of(path: str | Path, by: str) -> str:

@@ -120,6 +120,10 @@ def main(arguments: list[str] | None = None, program: str = 'select_from_bag') -
     columns.add_argument(
         '--ignore', type=column_names, default=(), metavar='COLUMN,...', help='to be left out',
     )  # fmt: skip
+    columns.add_argument(
+        '--source-column', metavar='COLUMN',
+        help='the robot or recording of an episode, in place of --source',
+    )  # fmt: skip
     discount = parser.add_mutually_exclusive_group()
     discount.add_argument(
         '--gamma', type=between(0, 1), metavar='G',
@@ -191,8 +195,13 @@ def _check_sensors(robot: RobotFile, num_features: int | None) -> None:
 
 def _roles(options: argparse.Namespace) -> Roles | None:
     """Return the roles of columns, if any is given."""
+    if options.source_column and options.source:
+        raise CommandError('--source and --source-column both name the source; expected one')
     try:
-        roles = Roles(options.episode, options.done, options.reward, options.action, options.ignore)
+        roles = Roles(
+            options.episode, options.done, options.reward, options.action, options.ignore,
+            options.source_column,
+        )  # fmt: skip
     except ValueError as error:
         raise CommandError(str(error)) from None
     return roles if roles.columns else None

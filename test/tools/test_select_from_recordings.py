@@ -61,6 +61,31 @@ def test_columns_with_names_of_their_own_need_roles(tmp_path, capsys):
     assert 'x has two roles' in capsys.readouterr().err
 
 
+def test_sources_in_a_column_count_as_those_of_several_files(tmp_path, capsys):
+    ovens = []
+    for number in range(3):
+        table = parquet.read_table(write(tmp_path / f'oven_{number}.parquet', 20, seed=number))
+        x, y, speed, paid = (table[i].to_numpy() for i in range(1, 5))
+        batch = [f'{number}-{i}' for i in table['episode_index'].to_pylist()]
+        # The better the oven, the greater its y.
+        columns = {'batch': batch, 'x': x, 'y': y + 5 * number, 'speed': speed}
+        ovens.append(pa.table(columns | {'paid': paid + 3 * number, 'oven': [number] * len(x)}))
+        parquet.write_table(ovens[-1].drop_columns('oven'), tmp_path / f'oven_{number}.parquet')
+    together = tmp_path / 'ovens.parquet'
+    parquet.write_table(pa.concat_tables(ovens), together)
+    roles = '--episode', 'batch', '--reward', 'paid', '--action', 'speed'
+    apart = [tmp_path / f'oven_{number}.parquet' for number in range(3)]
+    expected = selected(tmp_path, *apart, *roles, '--source', 'bag')
+    found = selected(tmp_path, together, *roles, '--source-column', 'oven')
+    assert found['names'] == ['x'] and found['episodes'] == 60
+    assert found['sensors'] == expected['sensors']
+    pooled = selected(tmp_path, together, *roles, '--ignore', 'oven')
+    assert pooled['sensors'] != expected['sensors']
+    both = '--source', 'bag', '--source-column', 'oven'
+    assert main([str(together), '--out', str(tmp_path), *roles, *both]) == 1
+    assert '--source and --source-column both name the source' in capsys.readouterr().err
+
+
 def test_demonstrations_without_a_reward_need_the_target_action(tmp_path, capsys):
     path = write(tmp_path / 'steps.parquet', reward=False)
     assert main([str(path), '--out', str(tmp_path)]) == 1

@@ -33,6 +33,8 @@ class Roles:
         The actions.
     ignore : str or sequence of str
         Columns that are left out.
+    source : str, optional
+        Names the robot or recording of each episode: each may have its own mean.
 
     Raises
     ------
@@ -46,6 +48,7 @@ class Roles:
     reward: str | None = None
     action: str | Sequence[str] = ()
     ignore: str | Sequence[str] = ()
+    source: str | None = None
 
     def __post_init__(self):
         for role in ('done', 'action', 'ignore'):
@@ -63,7 +66,7 @@ class Roles:
     @property
     def columns(self) -> list[str]:
         """All columns with a role."""
-        single = [name for name in (self.episode, self.reward) if name]
+        single = [name for name in (self.episode, self.reward, self.source) if name]
         return [*single, *self.done, *self.action, *self.ignore]
 
 
@@ -80,7 +83,8 @@ def steps_by_roles(path, table, roles: Roles) -> RecordedEpisodes:
     Raises
     ------
     RecordingError
-        If it lacks a column, or one has no numbers where they are needed.
+        If it lacks a column, one has no numbers where they are needed, or an episode has several
+        sources.
 
     """
     columns = Columns(path, table)
@@ -105,12 +109,23 @@ def steps_by_roles(path, table, roles: Roles) -> RecordedEpisodes:
         named = {f'episode {i}': rows for i, rows in enumerate(until(ends))}
     else:
         named = {'the table': np.arange(len(table))}
+    sources = np.full(len(table), '', dtype=object)
+    for source, rows in columns.by_value(roles.source).items() if roles.source else ():
+        sources[rows] = source
+    for name, rows in named.items():
+        several = sorted(set(sources[rows]))
+        if len(several) > 1:
+            raise RecordingError(
+                f'{path}: {name} has rows of {listed(several)} in the column {roles.source}; '
+                'expected one source for each episode'
+            )
     parts = [
         Steps(
             name,
             {key: values[rows] for key, values in states.items()},
             {key: values[rows] for key, values in actions.items()},
             None if rewards is None else rewards[rows],
+            source=next(iter(sources[rows]), ''),
         )
         for name, rows in named.items()
     ]

@@ -39,6 +39,8 @@ class Steps:
     rewards : numpy.ndarray, shape (T,), or None
     pictures : dict of str to callable
         By key of a camera, what returns a small grey picture at a step.
+    source : str
+        The robot or recording, if the recording names several.
 
     """
 
@@ -47,6 +49,7 @@ class Steps:
     actions: Mapping[str, np.ndarray]
     rewards: np.ndarray | None
     pictures: Mapping[str, Callable[[int], np.ndarray]] = field(default_factory=dict)
+    source: str = ''
 
     def __len__(self) -> int:
         """Return the number of steps T."""
@@ -129,7 +132,7 @@ def episodes_of_steps(
         if missing:
             counts[f'episodes in which {listed(missing)} is not a finite number'] += 1
         else:
-            episodes.append(Episode(state, part.rewards, action))
+            episodes.append(Episode(state, part.rewards, action, part.source))
             for key, of_episode in part.pictures.items():
                 pictures[key].append(of_episode)
     return RecordedEpisodes(

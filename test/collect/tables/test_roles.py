@@ -179,6 +179,17 @@ def test_the_index_of_a_data_frame_is_no_sensor(way, tmp_path):
     assert len(found.episodes) == 6
 
 
+def test_a_column_names_the_source_of_an_episode():
+    table = log().append_column('oven', [['A'] * 4 + ['B'] * 11])
+    roles = Roles('batch', reward='score', source='oven')
+    found = episodes_of_recording(table, roles=roles)
+    assert [episode.source for episode in found.episodes] == ['A', 'B', 'B']
+    assert 'oven' not in found.channel_names
+    mixed = log().append_column('oven', [['A'] * 5 + ['B'] * 10])
+    with pytest.raises(RecordingError, match='batch B1 has rows of A, B in the column oven'):
+        episodes_of_recording(mixed, roles=roles)
+
+
 def test_only_tables_have_roles(tmp_path):
     (tmp_path / 'run.mcap').touch()
     with pytest.raises(RecordingError, match='not a table'):
