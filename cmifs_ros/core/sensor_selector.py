@@ -48,6 +48,8 @@ class SensorSelector(ABC):
         Their channels.
     num_features_ : int
         Number of selected sensors; they are the first of the ranking.
+    n_features_in_ : int
+        Number of channels.
     feature_names_in_ : tuple of str
         Names of the channels.
 
@@ -122,6 +124,7 @@ class SensorSelector(ABC):
         finally:
             del self._progress  # A callable that may not be picklable.
         self.feature_names_in_ = names
+        self.n_features_in_ = len(names)
         self.sensor_names_ = sensor_names
         self.sensor_channels_ = tuple(sensors)
         self.ranking_ = np.array(ranking.sensors, dtype=int)

@@ -37,6 +37,7 @@ def test_scikit_learns_manners():
     selector = ConditionalMISelector(2, gamma=1e-6)
     assert selector.fit((states, rewards), names=['a', 'b', 'c', 'd']) is selector
     assert selector.get_feature_names_out().tolist() == ['c', 'a']
+    assert selector.n_features_in_ == 4
     np.testing.assert_array_equal(selector.transform(states), states[..., [2, 0]])
     np.testing.assert_array_equal(selector.transform(states[0, 0]), states[0, 0, [2, 0]])
     assert len(selector.ranking_) == len(selector.scores_) == 2
