@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from itertools import combinations, permutations
 from typing import NamedTuple
 
 import numpy as np
@@ -196,7 +197,7 @@ class StepwiseSelection:
         return finding
 
     def _pair(self, chosen: list[Finding]) -> list[Finding]:
-        """Return two sensors with evidence given each other and those chosen, or none.
+        """Return two sensors with evidence together and given each other, or none.
 
         In episodes left out they have to predict more together than either alone. (The score says
         little of products: it knows neither the action nor what is explained already.)
@@ -208,22 +209,25 @@ class StepwiseSelection:
             sensor, unit = channels[k]
             best.setdefault(sensor, Finding(sensor, unit, 0.0))
         singles = list(best.values())[:_MAX_PAIRED]
-        num_pairs = len(singles) * (len(singles) - 1)
-        pairs = []
-        for place, one in enumerate(singles):
-            later = singles[place + 1 :]
-            beside = self._test([other.channels for other in later], self._given([*chosen, one]))
-            for other, pvalue in zip(later, beside, strict=True):
-                if pvalue * num_pairs <= self._significance:
-                    (reverse,) = self._test([one.channels], self._given([*chosen, other]))
-                    pairs.append((float(max(pvalue, reverse)) * num_pairs, one, other))
-        pvalue, *found = min(pairs, key=lambda pair: pair[0], default=(1.0,))
-        if pvalue > self._significance:
-            return []
-        found = [single._replace(pvalue=pvalue) for single in found]
-        sets = [chosen, *([*chosen, one] for one in found), [*chosen, *found]]
-        *fewer, together = (self._test.predicted_share(self._given(taken)) for taken in sets)
-        return found if together > max(fewer) else []
+        pairs = list(combinations(singles, 2))
+        given = self._given(chosen)
+        jointly = self._test([one.channels + other.channels for one, other in pairs], given)
+        for k in np.argsort(jointly, kind='stable'):
+            found = pairs[k]
+            if jointly[k] * len(pairs) > self._significance:
+                break
+            beside = [
+                float(self._test([one.channels], self._given([*chosen, other]))[0])
+                for one, other in permutations(found)
+            ]
+            pvalue = max(float(jointly[k]), *beside) * len(pairs)
+            if pvalue > self._significance:
+                continue
+            sets = [chosen, *([*chosen, one] for one in found), [*chosen, *found]]
+            *fewer, together = (self._test.predicted_share(self._given(taken)) for taken in sets)
+            if together > max(fewer):
+                return [single._replace(pvalue=pvalue) for single in found]
+        return []
 
     def _without_superfluous(
         self, chosen: list[Finding], num_candidates: int = 1, kept: Sequence[int] = ()
