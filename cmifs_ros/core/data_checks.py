@@ -244,17 +244,17 @@ def _problems_of_order(means: np.ndarray) -> list[str]:
     count = len(means)
     means = means / max(np.abs(means).max(), np.finfo(float).tiny)  # Squares do not overflow.
     drift, worth = share_of_drift(means, np.ones(count)), independent_episodes(means)
+    problems = []
     if drift > _MUCH_DRIFT:
-        return [
+        problems.append(
             f'the return follows the order of the episodes ({drift:.0%} of its variance between '
-            f'episodes is slow drift): the {count} count as about {worth:.0f} independent ones, as '
-            'in windows of one drive, and sensors that drift along have no evidence; only if the '
-            'order means nothing, for example in files sorted by outcome, use --order none '
+            'episodes is slow drift): sensors that drift along have no evidence; only if the order '
+            'means nothing, for example in files sorted by outcome, use --order none '
             '(ordered=False)'
-        ]
+        )
     if worth < _FEW_INDEPENDENT * count:
-        return [
-            f'{counted(count, "episode")} resemble their neighbours, so they count as about '
-            f'{worth:.0f} independent ones'
-        ]
-    return []
+        problems.append(
+            f'{counted(count, "episode")} resemble their neighbours, as windows of one drive do, '
+            f'so they count as about {worth:.0f} independent ones'
+        )
+    return problems

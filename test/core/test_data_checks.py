@@ -35,6 +35,7 @@ def test_sound_data_are_not_complained_of():
 def test_a_return_that_follows_the_order_is_told_unless_the_order_means_nothing():
     episodes = episodes_of(np.repeat([1.0, 0.0], 20))
     assert 'the return follows the order of the episodes' in told(episodes)
+    assert '40 episodes resemble their neighbours' in told(episodes)
     assert told(episodes, ordered=False) == ''
 
 
