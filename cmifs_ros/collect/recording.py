@@ -52,6 +52,13 @@ def _is_bag(path: Path) -> bool:
     return (path / _METADATA).exists() if path.is_dir() else path.suffix in _BAGS
 
 
+def _check_that_it_has_data(path: Path) -> None:
+    if not path.exists():
+        raise RecordingError(f'{path} does not exist; {_EXPECTED}')
+    if path.is_file() and not path.stat().st_size:
+        raise RecordingError(f'{path} is empty')
+
+
 def episodes_of_recording(
     source: str | Path | object,
     robot: RobotFile | None = None,
@@ -89,8 +96,7 @@ def episodes_of_recording(
             return _steps_of('the data frame', arrow.table_of(source), roles)
         return _sampled('the data frames', _tables_of(source), robot, watch)
     path = Path(source)
-    if not path.exists():
-        raise RecordingError(f'{path} does not exist; {_EXPECTED}')
+    _check_that_it_has_data(path)
     if roles is not None and (robot is not None or path.suffix not in arrow.SUFFIXES):
         raise RecordingError(
             f'{path} {"is read by a robot file" if robot else "is not a table"}; --episode, '
@@ -122,7 +128,8 @@ def robot_file_of_recording(
         If the recording cannot be read, or its rows are steps, which need no robot file.
 
     """
-    if not path.exists() or _is_bag(path):
+    _check_that_it_has_data(path)
+    if _is_bag(path):
         return robot_file_of_bag(path, watch, open_bag)
     if (path / lerobot_info.INFO).exists():
         raise RecordingError(f'{path} is a data set of LeRobot; it needs no robot file')

@@ -308,6 +308,12 @@ def test_what_is_no_recording_is_one_sentence(tmp_path):
         for robot in (None, WIDE):
             with pytest.raises(RecordingError, match='is not a recording; expected a bag'):
                 episodes_of_recording(path, robot)
+    for name in ('a.mcap', 'a.db3', 'a.bag', 'a.parquet', 'a.csv', 'a.h5', 'a.ulg'):
+        (tmp_path / name).touch()
+        with pytest.raises(RecordingError, match=rf'{name} is empty$'):
+            episodes_of_recording(tmp_path / name, WIDE)
+        with pytest.raises(RecordingError, match=rf'{name} is empty$'):
+            robot_file_of_recording(tmp_path / name)
     (tmp_path / 'torn.parquet').write_bytes(b'PAR1')
     with pytest.raises(RecordingError, match='cannot be read as parquet'):
         episodes_of_recording(tmp_path / 'torn.parquet')
