@@ -13,7 +13,7 @@ import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from multiprocessing.connection import wait
 
 #: In a worker process, the completed share of its job, read by its parent.
@@ -105,11 +105,14 @@ class WorkerProcess:
 
     def stop(self) -> None:
         """Kill the process."""
+        if self._pool is not None:
+            # Nobody reads a job on its way, for which old Pythons would wait (gh-94777). The pool
+            # of a process that has died may be closing this end, too.
+            with suppress(OSError):
+                self._pool._call_queue._reader.close()
         if self._process is not None:
             self._process.kill()
         if self._pool is not None:
-            # Nobody reads pending results, for which old Pythons would wait (gh-94777).
-            self._pool._call_queue._reader.close()
             self._pool.shutdown(wait=True, cancel_futures=True)
         self._pool = self._process = self._future = None
 
