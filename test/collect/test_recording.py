@@ -28,7 +28,7 @@ ROBOT = parse_robot_file('step: {rate: 1}\nchannels: {x: /run.x}\nreward: x\nepi
 )
 def test_the_package_to_install_is_named(tmp_path, monkeypatch, package, name, robot):
     monkeypatch.setitem(sys.modules, package, None)
-    (tmp_path / name).touch()
+    (tmp_path / name).write_bytes(b'a')
     with pytest.raises(RecordingError, match=f'pip install {package}$'):
         episodes_of_recording(tmp_path / name, robot)
 

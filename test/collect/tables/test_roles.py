@@ -191,6 +191,6 @@ def test_a_column_names_the_source_of_an_episode():
 
 
 def test_only_tables_have_roles(tmp_path):
-    (tmp_path / 'run.mcap').touch()
+    (tmp_path / 'run.mcap').write_bytes(b'a')
     with pytest.raises(RecordingError, match='not a table'):
         episodes_of_recording(tmp_path / 'run.mcap', roles=ROLES)
