@@ -636,7 +636,7 @@ def test_the_parameter_file_names_every_parameter_with_its_default(
     foreign = ('use_sim_time', 'start_type_description_service', 'qos_overrides')
     names = [
         name
-        for name in robot.call(lister, ListParameters.Request()).result.names
+        for name in robot.ask(lister, ListParameters.Request()).result.names
         if not name.startswith(foreign)
     ]
     path = Path(get_package_share_directory('cmifs_ros'), 'config', 'cmifs_ros.yaml')
@@ -649,7 +649,7 @@ def test_the_parameter_file_names_every_parameter_with_its_default(
     assert written == {spec.name: spec.default for spec in specs}
     assert list(written) == [spec.name for spec in specs]
     assert set(written) == set(names)
-    described = robot.call(describer, DescribeParameters.Request(names=names)).descriptors
+    described = robot.ask(describer, DescribeParameters.Request(names=names)).descriptors
     assert all(d.description for d in described)
     again = ('-r', f'__node:={node}', '-r', '__ns:=/again')
     start(executable, '--params-file', str(path), *needed, *again)
