@@ -170,10 +170,10 @@ def _stacked(path, parts: Sequence[Steps], what: str) -> list[np.ndarray]:
 
 def _within_range(states: list[np.ndarray]) -> list[np.ndarray]:
     """Return the states with the greatest and least finite value of a channel for infinite ones."""
-    greatest, least = (
-        beyond([beyond(s, axis=0, where=np.isfinite(s), initial=-end) for s in states], axis=0)
-        for beyond, end in ((np.max, np.inf), (np.min, -np.inf))
-    )
+    together = np.concatenate(states)
+    is_finite = np.isfinite(together)
+    greatest = together.max(axis=0, where=is_finite, initial=-np.inf)
+    least = together.min(axis=0, where=is_finite, initial=np.inf)
     return [np.clip(of_episode, least, greatest) for of_episode in states]
 
 
