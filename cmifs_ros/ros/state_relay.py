@@ -86,9 +86,9 @@ class StateRelay:
         origins = self._publishers(self._input)
         publishers = self._publishers(self._publisher.topic_name)
         others = set(publishers) - {self._node.get_fully_qualified_name()}
-        # An unknown node may be the sampler: until it is known, publish nothing twice.
         self._is_certain = bool(origins) and not any(_UNKNOWN in n for n in origins + publishers)
-        self._others = {n for n in others if not origins or n in origins or _UNKNOWN in n}
+        # An unknown node may be the sampler: until it is known, publish nothing twice.
+        self._others = {n for n in others if not self._is_certain or n in origins}
 
     def _publishers(self, topic: str) -> list[str]:
         found = self._node.get_publishers_info_by_topic(topic)
