@@ -6,12 +6,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from .cyclic_shifts import CyclicShifts
 from .drift import cosines, independent_episodes
 from .kernel_regression import extended
 from .samples import Samples, standardized
 
 _NUM_FOLDS = 5
-_MAX_SHIFTS = 300
 #: From fewer blocks of episodes no error can be estimated.
 _FEWEST_BLOCKS = 5
 #: Cosines of the step in every regression. The step is all that an irrelevant sensor and the return
@@ -46,8 +46,7 @@ class EpisodeRows:
         Slow cosines of the step.
     fixed : numpy.ndarray, shape (N, p)
         Orthonormal columns of fixed effects: a mean for each source, and slow cosines of the step.
-    shifts : numpy.ndarray of int, shape (S, N)
-        The row that takes the place of each in each cyclic shift of the episodes.
+    shifts : CyclicShifts
 
     """
 
@@ -65,14 +64,14 @@ class EpisodeRows:
         num_folds = min(_NUM_FOLDS, num_episodes)
         self.folds = (rng.permutation(num_episodes) * num_folds // num_episodes)[self.owner]
         self.shuffled = rng.permutation(len(self.owner))
-        sources = _pooled(samples.sources[present])[self.owner]
-        columns = (sources[:, None] == np.unique(sources)).astype(float)
+        sources = _pooled(samples.sources[present])
+        columns = (sources[self.owner, None] == np.unique(sources)).astype(float)
         means = columns / np.sqrt(columns.sum(axis=0))
         self.step_cosines = _step_cosines(samples.step)
         self.fixed = extended(means, self.step_cosines)
         self.is_ordered = ordered
         order = np.arange(num_episodes) if ordered else rng.permutation(num_episodes)
-        self.shifts = self._cyclic_shifts(sources, order, rng)
+        self.shifts = CyclicShifts(self.starts, self.lengths, sources, order, rng)
 
     def means(self, values: np.ndarray) -> np.ndarray:
         """Return the mean of values (N, k) in each episode: shape (M, k)."""
@@ -95,28 +94,6 @@ class EpisodeRows:
         """Return values (N, k) less the discounted ones of the next row; none follows the last."""
         following = np.append(values[1:], np.zeros_like(values[:1]), axis=0)
         return values - np.where(self._gaps < np.inf, discount**self._gaps, 0.0) * following
-
-    def _cyclic_shifts(self, sources, order, rng) -> np.ndarray:
-        """Return the shifts of episodes that stand in an order.
-
-        An episode takes the place of one so many places before it, step by step; where episodes of
-        a step are fewer, by fewer places, but at least by one. Sources do not mix, and each is
-        shifted by a number of its own.
-        """
-        place = np.arange(len(self.owner)) - self.starts[self.owner]
-        turn = np.argsort(order)[self.owner]
-        rows = np.lexsort((turn, place, sources))
-        source = np.unique(sources, return_inverse=True)[1].ravel()
-        cells = np.column_stack([source, place])
-        cells = np.unique(cells, axis=0, return_inverse=True)[1].ravel()
-        counts = np.bincount(cells)
-        first, count = (np.cumsum(counts) - counts)[cells], counts[cells]
-        rank = np.argsort(rows) - first
-        longest = len(order) - 1
-        by = np.linspace(1, longest, min(_MAX_SHIFTS, longest)).round().astype(int)
-        by = np.column_stack([by, *(rng.permutation(by) for _ in range(source.max()))])
-        steps = 1 + (by - 1)[:, source] * (count - 1) // longest
-        return rows[first + (rank + steps) % count]
 
 
 def _step_cosines(step: np.ndarray) -> np.ndarray:

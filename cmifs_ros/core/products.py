@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .chance import combined_pvalue, resampled_pvalue, sign_flip_pvalue
+from .cyclic_shifts import CyclicShifts
 from .kernel_regression import corrected_residual
 
 #: Functions are whitened but for the weakest, which few episodes have to do with: those of less
@@ -42,8 +43,7 @@ class Products:
         The first row of each episode.
     blocks : numpy.ndarray of int, shape (B,)
         The first row of each block of episodes whose products have one sign.
-    shifts : numpy.ndarray of int, shape (S, N)
-        The row whose residual each row has in each cyclic shift.
+    shifts : CyclicShifts
     level : float
         p-value by signs up to which episodes are shifted as well.
     parts : collection of str
@@ -57,7 +57,7 @@ class Products:
         basis: np.ndarray,
         starts: np.ndarray,
         blocks: np.ndarray,
-        shifts: np.ndarray,
+        shifts: CyclicShifts,
         *,
         level: float,
         parts: Collection[str] = PARTS,
@@ -117,13 +117,10 @@ class Products:
         )
 
     def _by_shifts(self, whitened: Sequence[_Whitened], columns: Sequence[int]) -> float:
-        families = [
-            w.functions @ w.axes - self._basis @ (w.coefficients @ w.axes) for w in whitened
-        ]
         pvalues = []
-        for column in columns:
-            shifted = self._errors[:, column][self._shifts]
-            for w, functions in zip(whitened, families, strict=True):
-                drawn = ((shifted @ functions) ** 2).sum(axis=1)
-                pvalues.append(resampled_pvalue(w.statistics[column], drawn))
+        for w in whitened:
+            functions = w.functions @ w.axes - self._basis @ (w.coefficients @ w.axes)
+            products = self._shifts.products(self._errors[:, columns], functions)
+            drawn = (products**2).sum(axis=2)
+            pvalues += map(resampled_pvalue, w.statistics[columns], drawn.T)
         return combined_pvalue(pvalues)
