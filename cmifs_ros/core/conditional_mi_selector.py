@@ -7,7 +7,6 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
-from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -18,12 +17,13 @@ from .data_checks import problems_of_data, problems_of_held_actions, problems_of
 from .episode import Episode, as_episodes
 from .evidence_ranking import EvidenceRanking, rank_by_evidence
 from .fingerprints import fingerprint, first_of_each
+from .parameter_checks import check_parameters
 from .permutation import PermutationTest, permutation_test
 from .samples import Samples, scaled
 from .search import Criterion
 from .sensor_selector import Ranking, SensorSelector
 from .statuses import DISPENSABLE, FEWEST_EPISODES, UNDECIDED
-from .targets import ACTION, DECISION, RETURN, TARGETS, TargetTest
+from .targets import ACTION, DECISION, RETURN, TargetTest
 from .thinning import MAX_STEPS, Plan, ThinnedEpisodes, plan_of, thinned
 from .time_bins import MOST_BINS
 
@@ -175,7 +175,7 @@ class ConditionalMISelector(SensorSelector):
 
         """
         episodes, names, _, sensors = self._checked(episodes, names)
-        self._check_parameters()
+        check_parameters(self.get_params())
         with one_blas_thread():
             return self._criterion(self._samples(self._thinned(episodes)), self._bins)(sensors)
 
@@ -234,7 +234,7 @@ class ConditionalMISelector(SensorSelector):
             If a parameter or the data are invalid, or all episodes are the same.
 
         """
-        self._check_parameters()
+        check_parameters(self.get_params())
         episodes = as_episodes(episodes)
         which = first_of_each([fingerprint(episode) for episode in episodes])
         if len(which) < min(2, len(episodes)):
@@ -263,7 +263,7 @@ class ConditionalMISelector(SensorSelector):
         return super()._taken(episodes)
 
     def _rank(self, episodes, names, sensors):
-        self._check_parameters()
+        check_parameters(self.get_params())
         if not isinstance(episodes, ThinnedEpisodes):
             episodes = self.thin(episodes)
         with one_blas_thread():
@@ -367,27 +367,6 @@ class ConditionalMISelector(SensorSelector):
         self.null_scores_ = found.null_scores
         self.supporting_channels_ = [finding.channels for finding in found.findings]
         self.redundant_with_ = [finding.redundant_with for finding in found.findings]
-
-    def _check_parameters(self):
-        for name in ('gamma', 'tuning_window', 'num_centers', 'significance', 'margin', 'n_jobs'):
-            value = getattr(self, name)
-            if not isinstance(value, Real) and not (value is None and name == 'num_centers'):
-                raise ValueError(f'{name} is {value!r}; expected a number')
-        bins = self.max_time_bins
-        if bins is not None and bins != 'auto' and (isinstance(bins, str) or bins < 1):
-            raise ValueError(
-                f"max_time_bins is {bins!r}; expected at least 1, None for no bins, or 'auto'"
-            )
-        if self.tuning_window < 0:
-            raise ValueError(f'tuning_window is {self.tuning_window}; expected at least 0')
-        if self.target not in TARGETS:
-            raise ValueError(f'target is {self.target!r}; expected one of {", ".join(TARGETS)}')
-        if not 0 < self.margin < 1:
-            raise ValueError(f'margin is {self.margin}; expected 0 < margin < 1')
-        if not 0 < self.significance < 1:
-            raise ValueError(f'significance is {self.significance}; expected 0 < significance < 1')
-        if self.n_jobs < 1:
-            raise ValueError(f'n_jobs is {self.n_jobs}; expected at least 1')
 
     def _samples(self, episodes: ThinnedEpisodes) -> Samples:
         return scaled(episodes.samples) if self.standardize else episodes.samples
