@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
+import numpy.typing as npt
 
 from .drift import independent_episodes, share_of_drift
 from .thinning import ThinnedEpisodes
@@ -52,6 +53,29 @@ def problems_of_data(
     if ordered:
         problems += _problems_of_order(episodes.mean_returns)
     return problems
+
+
+def problems_of_pooling(
+    episodes: ThinnedEpisodes, recordings: npt.ArrayLike, names: Sequence[str]
+) -> list[str]:
+    """Return a warning about recordings without a source that may be of different robots.
+
+    Parameters
+    ----------
+    episodes : ThinnedEpisodes
+    recordings : array_like of int, shape (M,)
+        The recording of each episode.
+    names : sequence of str
+        Names of the channels.
+
+    """
+    difference = _difference_between('recording', recordings, episodes, names)
+    if not difference or np.any(episodes.samples.sources != ''):
+        return []
+    return [
+        f'{difference}, which therefore may seem informative: if the recordings are of several '
+        'robots, use --source bag'
+    ]
 
 
 def problems_of_skill(predicted_shares: Shares, num_channels: int, num_actions: int) -> list[str]:
@@ -212,24 +236,35 @@ def _problems_of_rare(episodes: ThinnedEpisodes, names: Sequence[str]) -> list[s
 
 def _problems_of_sources(episodes: ThinnedEpisodes, names: Sequence[str]) -> list[str]:
     """Return a warning about channels that differ mostly between sources, like the return."""
-    _, source = np.unique(episodes.samples.sources, return_inverse=True)
-    num_sources, count = source.max() + 1, len(episodes)
-    if not 1 < num_sources < count:
-        return []
-    # Group means alone explain (num_sources - 1) / (count - 1) of any variable by chance.
-    of_return = _share_between(episodes.mean_returns[:, None], source)[0]
-    if of_return <= max(_SOME_BETWEEN, 3 * (num_sources - 1) / (count - 1)):
-        return []
-    shares = _share_between(episodes.mean_states, source[np.unique(episodes.samples.owner)])
-    differing = [f'{names[c]} ({s:.0%})' for c, s in enumerate(shares) if s >= _MUCH_BETWEEN]
-    if not differing:
+    difference = _difference_between('source', episodes.samples.sources, episodes, names)
+    if not difference:
         return []
     return [
-        f'the return differs between the {num_sources} sources ({of_return:.0%} of the variance '
-        f'between episodes), and so do {listed(differing)}: differences between sources are no '
-        'evidence, because robots differ in many ways; record more robots, or each robot under '
-        'several conditions'
+        f'{difference}: differences between sources are no evidence, because robots differ in many '
+        'ways; record more robots, or each robot under several conditions'
     ]
+
+
+def _difference_between(
+    what: str, groups: npt.ArrayLike, episodes: ThinnedEpisodes, names: Sequence[str]
+) -> str:
+    """Return in words how the return and some channels differ between groups; empty if not both."""
+    _, group = np.unique(groups, return_inverse=True)
+    num_groups, count = group.max() + 1, len(episodes)
+    if not 1 < num_groups < count:
+        return ''
+    # Group means alone explain (num_groups - 1) / (count - 1) of any variable by chance.
+    of_return = _share_between(episodes.mean_returns[:, None], group)[0]
+    if of_return <= max(_SOME_BETWEEN, 3 * (num_groups - 1) / (count - 1)):
+        return ''
+    shares = _share_between(episodes.mean_states, group[np.unique(episodes.samples.owner)])
+    differing = [f'{names[c]} ({s:.0%})' for c, s in enumerate(shares) if s >= _MUCH_BETWEEN]
+    if not differing:
+        return ''
+    return (
+        f'the return differs between the {num_groups} {what}s ({of_return:.0%} of the variance '
+        f'between episodes), and so {"do" if len(differing) > 1 else "does"} {listed(differing)}'
+    )
 
 
 def _share_between(values: np.ndarray, groups: np.ndarray) -> np.ndarray:

@@ -24,6 +24,7 @@ from cmifs_ros.collect.robot_file.model import SOURCES
 from cmifs_ros.collect.sensor_groups import groups_by_name
 from cmifs_ros.collect.tables.roles import Roles
 from cmifs_ros.core import ConditionalMISelector
+from cmifs_ros.core.data_checks import problems_of_pooling
 from cmifs_ros.core.selection import select
 from cmifs_ros.core.targets import ACTION, DECISION, RETURN, TARGETS
 from cmifs_ros.core.words import counted, first, listed
@@ -282,6 +283,9 @@ def _select(
         problem = problem_of_target(episodes, target)
         if problem:
             raise CommandError(problem)
+        recording_of_each = [number for number, _ in pool.origins]
+        for problem in problems_of_pooling(episodes, recording_of_each, pool.channel_names):
+            print(f'warning: {problem}')
         among = f'{counted(len(pool.channel_names), "channel")} from '
         print(f'selecting among {among}{counted(len(episodes), "episode")} ...', flush=True)
         selection = select(

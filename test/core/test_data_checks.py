@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from cmifs_ros.core import ConditionalMISelector, Episode
+from cmifs_ros.core.data_checks import problems_of_pooling
 from cmifs_ros.core.drift import independent_episodes
 
 
@@ -127,6 +128,14 @@ def test_a_channel_that_differs_between_robots_as_the_return_does_is_named(robot
     assert 'slip' not in said
     unnamed = [Episode(e.states, e.rewards) for e in episodes]
     assert 'sources' not in told(unnamed, names=['gyro', 'slip'])
+
+    def told_of_bags(episodes):
+        seen = ConditionalMISelector().thin(episodes)
+        return problems_of_pooling(seen, np.arange(40) // 8, ['gyro', 'slip'])
+
+    (said,) = told_of_bags(unnamed) or ('',)
+    assert ('between the 5 recordings' in said and 'gyro' in said) == robots_differ
+    assert told_of_bags(episodes) == []
 
 
 @pytest.mark.parametrize('share', [0.0, 0.8])
