@@ -53,15 +53,42 @@ def resampled_pvalue(statistic: float, drawn: np.ndarray) -> float:
     return pearson3_tail((statistic - mean) / spread, skewness)
 
 
+def square_pvalues(totals: np.ndarray, products: np.ndarray) -> np.ndarray:
+    """Return the p-value of the square of each of many sums, as `sign_flip_pvalue` of one column.
+
+    Parameters
+    ----------
+    totals : numpy.ndarray, shape (...)
+    products : numpy.ndarray, shape (M, ...)
+        One row for each block of episodes.
+
+    """
+    squares = products**2
+    second, fourth, sixth = (np.sum(squares**power, axis=0) for power in (1, 2, 3))
+    variance = 2 * (second**2 - fourth)
+    has_chance = variance > 1e-12 * second**2
+    spread = np.sqrt(np.where(has_chance, variance, 1.0))
+    # That of a normal law is 0; so little makes no difference.
+    skewness = np.maximum(8 * (second**3 - 3 * second * fourth + 2 * sixth) / spread**3, 1e-3)
+    shape = 4 / skewness**2
+    drawn = np.maximum(shape + 2 * (totals**2 - second) / (spread * skewness), 0)
+    return np.where(has_chance, special.gammaincc(shape, drawn), 1.0)
+
+
 def combined_pvalue(pvalues: Sequence[float]) -> float:
-    """Return one p-value for all, however they depend on each other; 1 of none.
+    """Return one p-value for all, however they depend on each other; 1 of none."""
+    return float(combined_pvalues(np.asarray(pvalues, dtype=float)))
+
+
+def combined_pvalues(pvalues: np.ndarray) -> np.ndarray:
+    """Return one p-value for each column of p-values (n, ...): shape (...).
 
     The mean in the scale of a Cauchy variable (Liu & Xie, Cauchy combination test, 2020).
     """
-    if min(pvalues, default=1.0) > _GREATEST:
-        return float(min(pvalues, default=1.0))
-    mean = np.mean(1 / np.tan(np.pi * np.clip(pvalues, 1e-300, _GREATEST)))
-    return float(np.arctan2(1, mean) / np.pi)
+    least = pvalues.min(axis=0, initial=1.0)
+    scores = 1 / np.tan(np.pi * np.clip(pvalues, 1e-300, _GREATEST))
+    mean = scores.sum(axis=0) / max(len(pvalues), 1)
+    return np.where(least > _GREATEST, least, np.arctan2(1, mean) / np.pi)
 
 
 def pearson3_tail(value: float, skewness: float) -> float:

@@ -141,6 +141,29 @@ class ConditionalTest:
         functions = np.hstack(families) if families else np.empty((0, 0))
         return {name: estimator.added(functions) for name, estimator in estimators.items()}
 
+    def pair_pvalues(self, channels: Sequence[int], given: Sequence[int]) -> dict[str, np.ndarray]:
+        """Return the p-values of products of two channels for each variable: shape (k, k).
+
+        By signs alone; where the first channel is not before the second, it is 1.
+        """
+        columns, context = self._columns(given), self._given(given)
+        names = [self._names[c] for c in columns]
+        found = {name: np.ones((len(channels), len(channels))) for name in names}
+        if not columns:
+            return found
+        products, variables = self._products(columns, context)
+        own = np.hstack(context.own([[c] for c in channels], least=0.0))
+        own[:, own.var(axis=0) < _LEAST_OWN_SHARE] = 0.0  # What is left is a rounding error.
+
+        def of_first(i):
+            return products.single_pvalues(own[:, [i]] * own[:, i + 1 :], variables)
+
+        firsts = range(len(channels) - 1)
+        for i, pvalues in zip(firsts, in_threads(of_first, firsts, self._n_jobs), strict=True):
+            for name, of_name in zip(names, pvalues, strict=True):
+                found[name][i, i + 1 :] = of_name
+        return found
+
     def pair_bounds(self, channels: Sequence[int], given: Sequence[int]) -> np.ndarray:
         """Return what pairs of channels may add as products, at most: shape (k, k).
 
@@ -171,11 +194,20 @@ class ConditionalTest:
         return estimators, context
 
     def _test(self, candidates, given) -> list[dict[str, float]]:
-        columns = self._columns(given)
-        names = [self._names[c] for c in columns]
+        columns, context = self._columns(given), self._given(given)
         if not columns:
             return [{}] * len(candidates)
-        context = self._given(given)
+        names = [self._names[c] for c in columns]
+        products, variables = self._products(columns, context)
+
+        def of_candidate(families):
+            pvalues = products.pvalues(families, variables) if families else [1.0] * len(names)
+            return dict(zip(names, pvalues, strict=True))
+
+        return self._for_each(of_candidate, candidates, context)
+
+    def _products(self, columns: list[int], context: _Given) -> tuple[Products, list[range]]:
+        """Return the residuals of some variables, and which residuals are those of each."""
         left = self._residuals(context.regression, self._targets[:, columns])
         basis = context.regression.basis(context.regression.jointly_tuned(left))
         basis = self._with_drift(basis, left)
@@ -189,13 +221,7 @@ class ConditionalTest:
             level=self._level,
             parts=self._parts,
         )
-        variables = [range(k, left.shape[1], len(columns)) for k in range(len(columns))]
-
-        def of_candidate(families):
-            pvalues = products.pvalues(families, variables) if families else [1.0] * len(names)
-            return dict(zip(names, pvalues, strict=True))
-
-        return self._for_each(of_candidate, candidates, context)
+        return products, [range(k, left.shape[1], len(columns)) for k in range(len(columns))]
 
     def _given(self, channels: Sequence[int]) -> _Given:
         """Return the given channels as regressors; the last few are kept."""

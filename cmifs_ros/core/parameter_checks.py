@@ -13,7 +13,7 @@ from .targets import TARGETS
 
 
 def _is_number(value: Any, least: float = -math.inf) -> bool:
-    return isinstance(value, Real) and value >= least
+    return isinstance(value, Real) and float(value) >= least
 
 
 #: What is expected of each parameter, and whether a value is that. (The range of `gamma` is checked

@@ -9,7 +9,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .chance import combined_pvalue, resampled_pvalue, sign_flip_pvalue
+from .chance import (
+    combined_pvalue,
+    combined_pvalues,
+    resampled_pvalue,
+    sign_flip_pvalue,
+    square_pvalues,
+)
 from .cyclic_shifts import CyclicShifts
 from .kernel_regression import corrected_residual
 
@@ -97,6 +103,20 @@ class Products:
             pvalues.append(pvalue)
         return pvalues
 
+    def single_pvalues(
+        self, functions: np.ndarray, variables: Sequence[Sequence[int]]
+    ) -> list[np.ndarray]:
+        """Return the p-values of functions (N, k) by themselves, by signs: (k,) of each variable.
+
+        The parameters are as of `pvalues`.
+        """
+        coefficients = self._basis.T @ functions
+        products = self._sums_of_products(functions, self._errors, self._blocks)
+        products -= self._basis_products @ coefficients
+        totals = self._left.T @ functions - self._in_basis.T @ coefficients
+        found = square_pvalues(totals, products)
+        return [combined_pvalues(found[columns]) for columns in variables]
+
     def _whitened(self, functions: np.ndarray) -> _Whitened:
         coefficients = self._basis.T @ functions
         gram = (functions.T @ functions - coefficients.T @ coefficients) / len(functions)
@@ -117,7 +137,7 @@ class Products:
         )
 
     def _by_shifts(self, whitened: Sequence[_Whitened], columns: Sequence[int]) -> float:
-        pvalues = []
+        pvalues: list[float] = []
         for w in whitened:
             functions = w.functions @ w.axes - self._basis @ (w.coefficients @ w.axes)
             products = self._shifts.products(self._errors[:, columns], functions)

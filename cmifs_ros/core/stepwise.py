@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from itertools import combinations, permutations
+from itertools import permutations
 from typing import NamedTuple
 
 import numpy as np
@@ -20,8 +20,8 @@ _MAX_LISTED = 8
 _MAX_LIKELY = 50
 #: Of these, the likeliest that are compared by their scores.
 _MAX_SCORED = 10
-#: Number of sensors of which all pairs are tried when no single one has evidence.
-_MAX_PAIRED = 24
+#: Number of pairs, those whose products are likeliest, that are tested given each other.
+_MAX_PAIRED = 10
 #: Evidence is strong if the p-value is at most this share of the level.
 _STRONG = 0.1
 #: Sensors with a greater uncorrected p-value are unlikely to be informative.
@@ -197,33 +197,27 @@ class StepwiseSelection:
         return finding
 
     def _pair(self, chosen: list[Finding]) -> list[Finding]:
-        """Return two sensors with evidence together and given each other, or none.
+        """Return two sensors whose product has evidence, and each given the other, or none.
 
         In episodes left out they have to predict more together than either alone. (The score says
         little of products: it knows neither the action nor what is explained already.)
         """
-        channels = [(i, (c,)) for i in self._left(chosen) for c in self._sensors[i]]
-        pvalues = self._test([unit for _, unit in channels], self._given(chosen))
-        best: dict[int, Finding] = {}
-        for k in np.argsort(pvalues, kind='stable'):
-            sensor, unit = channels[k]
-            best.setdefault(sensor, Finding(sensor, unit, 0.0))
-        singles = list(best.values())[:_MAX_PAIRED]
-        pairs = list(combinations(singles, 2))
-        given = self._given(chosen)
-        jointly = self._test([one.channels + other.channels for one, other in pairs], given)
-        for k in np.argsort(jointly, kind='stable'):
-            found = pairs[k]
-            if jointly[k] * len(pairs) > self._significance:
-                break
+        units = [(i, c) for i in self._left(chosen) for c in self._sensors[i]]
+        sensor = np.array([i for i, _ in units])
+        is_pair = np.triu(sensor[:, None] != sensor)
+        num_pairs = int(is_pair.sum())
+        pvalues = self._test.pair_pvalues([c for _, c in units], self._given(chosen)) * num_pairs
+        likely = np.argwhere(is_pair & (pvalues <= self._significance)).tolist()
+        for one, other in sorted(likely, key=lambda pair: pvalues[tuple(pair)])[:_MAX_PAIRED]:
+            found = [Finding(i, (c,), 0.0) for i, c in (units[one], units[other])]
             beside = [
-                float(self._test([one.channels], self._given([*chosen, other]))[0])
-                for one, other in permutations(found)
+                float(self._test([a.channels], self._given([*chosen, b]))[0])
+                for a, b in permutations(found)
             ]
-            pvalue = max(float(jointly[k]), *beside) * len(pairs)
+            pvalue = max(float(pvalues[one, other]), num_pairs * max(beside))
             if pvalue > self._significance:
                 continue
-            sets = [chosen, *([*chosen, one] for one in found), [*chosen, *found]]
+            sets = [chosen, *([*chosen, single] for single in found), [*chosen, *found]]
             *fewer, together = (self._test.predicted_share(self._given(taken)) for taken in sets)
             if together > max(fewer):
                 return [single._replace(pvalue=pvalue) for single in found]

@@ -22,7 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .chance import combined_pvalue
+from .chance import combined_pvalue, combined_pvalues
 from .effect import Effect
 from .evidence import ConditionalTest
 from .samples import Samples
@@ -124,6 +124,16 @@ class TargetTest:
             parts += [Contribution(name, *at, values) for name, values in added.items()]
         none = Contribution('', np.empty(0, int), np.empty(0, int), np.empty(0))
         return max(parts, key=lambda part: float(part.values.var()), default=none)
+
+    def pair_pvalues(self, channels: Sequence[int], given: Sequence[int]) -> np.ndarray:
+        """Return the p-values of products of two channels: shape (k, k), 1 but above the diagonal.
+
+        They combine all variables of the target, and are not corrected for the number of pairs.
+        """
+        of_tests = [test.pair_pvalues(channels, given) for test in self._tests]
+        size = len(channels)
+        found = [of_name for of_test in of_tests for of_name in of_test.values()]
+        return combined_pvalues(np.reshape(found, (-1, size, size)))
 
     def pair_bounds(self, channels: Sequence[int], given: Sequence[int]) -> np.ndarray:
         """Return upper bounds of what products of two channels add: shape (k, k)."""

@@ -8,7 +8,12 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from cmifs_ros.core.chance import pearson3_tail, resampled_pvalue, sign_flip_pvalue
+from cmifs_ros.core.chance import (
+    pearson3_tail,
+    resampled_pvalue,
+    sign_flip_pvalue,
+    square_pvalues,
+)
 
 
 def statistics_of_all_signs(products):
@@ -34,6 +39,20 @@ def test_sign_flips_are_as_likely_as_their_share_of_all():
 
 def test_what_no_sign_changes_has_pvalue_1():
     assert sign_flip_pvalue(4.0, np.array([[2.0, 0.0]])) == 1
+
+
+def test_many_squares_at_once_have_the_pvalue_of_each():
+    rng = np.random.default_rng(3)
+    products, totals = rng.standard_t(3, size=(11, 4, 5)), 6 * rng.random((4, 5))
+    products[:, 0, 0] = 0
+    products[1:, 1, 1] = 0
+    products[2:, 2, 2] = 0
+    found = square_pvalues(totals, products)
+    assert found.shape == totals.shape
+    for place, total in np.ndenumerate(totals):
+        expected = sign_flip_pvalue(total**2, products[(slice(None), *place, None)])
+        assert found[place] == pytest.approx(expected, abs=1e-3)
+    assert (found[0, 0], found[1, 1]) == (1, 1)
 
 
 def test_resampled_pvalue_are_those_of_the_law_with_their_moments():

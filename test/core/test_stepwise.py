@@ -7,16 +7,37 @@ import numpy as np
 from cmifs_ros.core.stepwise import StepwiseSelection
 
 
-def search(sensors, pvalues, significance=0.05, scores=None):
-    """Return the search where a channel has the p-value given (1 of others), whatever is given."""
+class KnownPvalues:
+    """A channel has the p-value given (1 of others), whatever else is given.
 
-    def pvalues_of(candidates, given):
-        return np.array([min(pvalues.get(c, 1.0) for c in candidate) for candidate in candidates])
+    A pair has its own, also each given the other; it predicts half of what there is to predict.
+    """
 
+    def __init__(self, pvalues, pairs):
+        self._pvalues, self._pairs = pvalues, pairs
+
+    def __call__(self, candidates, given):
+        def pvalue(channel):
+            beside = {channel, *given}
+            pairs = [p for pair, p in self._pairs.items() if {channel} < {*pair} <= beside]
+            return min([self._pvalues.get(channel, 1.0), *pairs])
+
+        return np.array([min(map(pvalue, candidate)) for candidate in candidates])
+
+    def pair_pvalues(self, channels, given):
+        pairs = [[self._pairs.get((a, b), 1.0) for b in channels] for a in channels]
+        return np.array(pairs)
+
+    def predicted_share(self, given):
+        return 0.5 if any({*pair} <= {*given} for pair in self._pairs) else 0.1
+
+
+def search(sensors, pvalues, significance=0.05, scores=None, pairs=None):
     def criterion(subsets):
         return np.array([(scores or {}).get(subset[-1], 0.0) for subset in subsets])
 
-    return StepwiseSelection(criterion, pvalues_of, sensors, significance=significance)
+    test = KnownPvalues(pvalues, pairs or {})
+    return StepwiseSelection(criterion, test, sensors, significance=significance)
 
 
 def found(sensors, pvalues, **options):
@@ -52,6 +73,14 @@ def test_the_best_scored_is_first_of_those_with_evidence_as_strong():
     assert order == [1, 0, 2]  # 2 scores better but may be redundant; 3 has no evidence
     order = [sensor for sensor, _ in found(single, strong | {2: 1e-5}, scores=scores)]
     assert order == [2, 1, 0]
+
+
+def test_a_pair_is_corrected_for_the_number_of_pairs_of_different_sensors():
+    sensors = [(0,), (1, 2), (3,)]  # of which there are 5, and 2 beside (3,)
+    assert found(sensors, {}, pairs={(0, 2): 0.009}) == [(0, (0,)), (1, (2,))]
+    assert found(sensors, {}, pairs={(0, 2): 0.011}) == []
+    assert found(sensors, {3: 1e-6}, pairs={(0, 2): 0.02}) == [(2, (3,)), (0, (0,)), (1, (2,))]
+    assert found(sensors, {}, pairs={(1, 2): 1e-9}) == []
 
 
 def test_what_listing_costs_grows_with_the_sensors_and_not_with_how_many_are_listed():
