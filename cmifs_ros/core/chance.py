@@ -68,7 +68,7 @@ def square_pvalues(totals: np.ndarray, products: np.ndarray) -> np.ndarray:
     variance = 2 * (second**2 - fourth)
     has_chance = variance > 1e-12 * second**2
     spread = np.sqrt(np.where(has_chance, variance, 1.0))
-    # That of a normal law is 0; so little makes no difference.
+    # So small a skewness makes no difference to that of a normal law, 0.
     skewness = np.maximum(8 * (second**3 - 3 * second * fourth + 2 * sixth) / spread**3, 1e-3)
     shape = 4 / skewness**2
     drawn = np.maximum(shape + 2 * (totals**2 - second) / (spread * skewness), 0)

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy import fft
 
+#: More shifts hardly change the moments of the statistic.
 _MAX_SHIFTS = 300
 
 
@@ -26,10 +27,10 @@ class _Cells(NamedTuple):
 class CyclicShifts:
     """Shift episodes that stand in an order, step by step.
 
-    The rows of one step, of one source, are a cell. In each shift the row of an episode takes the
-    values of the one so many episodes further on; where a cell has fewer episodes, of one fewer
-    further on, but at least of the next. Sources do not mix, and each is shifted by a number of its
-    own.
+    All rows of one step and one source form a cell. In each shift a row takes the values of the row
+    that comes so many episodes later in its cell, cyclically. A cell of fewer episodes is shifted
+    by proportionally fewer, but at least by one. Each source goes through the shifts in an order of
+    its own.
 
     Parameters
     ----------
@@ -40,7 +41,7 @@ class CyclicShifts:
     order : numpy.ndarray of int, shape (M,)
         The episodes in their order.
     rng : numpy.random.Generator
-        Draws the shifts of further sources.
+        Draws the order of the shifts of all sources but the first.
 
     """
 
