@@ -46,7 +46,7 @@ CONSTANTS = (
     Constant('evidence', '_NUM_FUNCTIONS', (30, 120)),
     Constant('evidence', '_LEAST_OWN_SHARE', (1e-5, 1e-2)),
     Constant('episode_rows', '_NUM_FOLDS', (3, 10)),
-    Constant('episode_rows', '_MAX_SHIFTS', (20,)),
+    Constant('cyclic_shifts', '_MAX_SHIFTS', (20,)),
     Constant('episode_rows', '_FEWEST_BLOCKS', (3, 10)),
     Constant('episode_rows', '_NUM_STEP_COSINES', (0, 3, 10)),
     Constant('products', '_LEAST_VARIANCE', (1e-1, 1e-3)),
