@@ -245,8 +245,8 @@ def advice_fields(advice: Advice) -> dict[str, Any]:
     }
 
 
-def advice_lines(advice: Advice, most: int = 12) -> list[str]:
-    """Return advice as lines of text: three headings, each with at most `most` items."""
+def advice_lines(advice: Advice, most: int | None = None) -> list[str]:
+    """Return advice as lines of text: three headings, each with all items, or at most `most`."""
     lines = textwrap.wrap(advice.scope, LINE_WIDTH)
     for heading, items in headed(advice):
         lines.append(f'{heading}:' if items else f'{heading}: nothing')
@@ -255,7 +255,7 @@ def advice_lines(advice: Advice, most: int = 12) -> list[str]:
                 text_of(item), LINE_WIDTH, initial_indent='  ', subsequent_indent='    ',
                 break_long_words=False, break_on_hyphens=False,
             )  # fmt: skip
-        if len(items) > most:
+        if most is not None and len(items) > most:
             lines.append(f'  and {len(items) - most} more')
     return lines + [line for hint in advice.hints for line in textwrap.wrap(hint, LINE_WIDTH)]
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from cmifs_ros.core import Episode
+from cmifs_ros.core.words import counted, listed
 
 from .episodes.end_counts import EndCounts
 from .episodes.episode_check import Condition
@@ -88,6 +89,15 @@ class RecordedEpisodes:
     topics: Mapping[str, str] = field(default_factory=dict)
     end_counts: EndCounts = field(default_factory=EndCounts)
     cameras: Mapping[str, Camera] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        """Return the counts and names, not the numbers."""
+        dropped = ''.join(f', dropped {count}: {cause}' for cause, count in self.dropped.items())
+        return (
+            f'RecordedEpisodes({counted(len(self.episodes), "episode")} of '
+            f'{counted(self.num_read, self.unit)}, channels {listed(self.channel_names)}, '
+            f'actions {listed(self.action_names) or "none"}{dropped})'
+        )
 
     def __sizeof__(self) -> int:
         """Return the size in memory, by which a cluster decides what is too large to move."""

@@ -33,10 +33,12 @@ _EXPECTED = (
 )
 
 
-def recordings_in(path: Path, robot: RobotFile | None = None) -> list[Path]:
+def recordings_in(
+    path: Path, robot: RobotFile | None = None, roles: Roles | None = None
+) -> list[Path]:
     """Return the recordings at a path: itself, or those in a folder that is not a recording.
 
-    With a robot file, the tables in a folder are one recording.
+    With a robot file, or if each file is an episode, the tables in a folder are one recording.
     """
     if not path.is_dir() or _is_bag(path) or (path / lerobot_info.INFO).exists():
         return [path]
@@ -44,7 +46,12 @@ def recordings_in(path: Path, robot: RobotFile | None = None) -> list[Path]:
     found = {file.parent for file in files if file.name == _METADATA}
     found |= {file.parents[1] for file in path.rglob(str(lerobot_info.INFO))}
     suffixes = _BAGS + hdf5.SUFFIXES + ulog.SUFFIXES + (arrow.SUFFIXES if robot is None else ())
-    found |= {f for f in files if f.suffix in suffixes and found.isdisjoint(f.parents)}
+    whole = arrow.SUFFIXES if roles is not None and roles.by_file else ()
+    found |= {
+        file.parent if file.suffix in whole else file
+        for file in files
+        if file.suffix in suffixes and found.isdisjoint(file.parents)
+    }
     return sorted(found, key=lambda one: hdf5.natural(str(one))) or [path]
 
 
@@ -71,8 +78,9 @@ def episodes_of_recording(
     Parameters
     ----------
     source : path, data frame, or mapping of str to data frame
-        A bag, a file .parquet, .csv, .h5 or .hdf5, a folder of LeRobot, or with a robot file .ulg
-        or a folder of tables; or tables in memory: of pandas, or anything that pyarrow accepts.
+        A bag, a file .parquet, .csv, .h5 or .hdf5, a folder of LeRobot, with roles a folder of
+        tables, or with a robot file .ulg or a folder of tables; or tables in memory: of pandas, or
+        anything that pyarrow accepts.
     robot : RobotFile, optional
         With one, tables are topics, named after their files or groups, and rows are messages.
         Without one, each row is a step; columns are named as in LeRobot, data sets as in Minari,
@@ -93,19 +101,22 @@ def episodes_of_recording(
     """
     if not isinstance(source, (str, Path)):
         if robot is None:
-            return _steps_of('the data frame', arrow.table_of(source), roles)
+            name, table = 'the data frame', arrow.table_of(source)
+            return (
+                steps_by_roles(name, {name: table}, roles)
+                if roles
+                else lerobot.steps_in(name, table)
+            )
         return _sampled('the data frames', _tables_of(source), robot, watch)
     path = Path(source)
     _check_that_it_has_data(path)
-    if roles is not None and (robot is not None or path.suffix not in arrow.SUFFIXES):
-        raise RecordingError(
-            f'{path} {"is read by a robot file" if robot else "is not a table"}; --episode, '
-            '--done, --reward, --action and --ignore (Roles) are for tables whose rows are steps'
-        )
+    if roles is not None:
+        files = _tables_of_steps(path, robot)
+        return steps_by_roles(path, {file: arrow.read(file) for file in files}, roles)
     if _is_bag(path):
         return episodes_of_bag(path, robot, watch, open_bag)
     if robot is None:
-        return _steps_in(path, watch, roles)
+        return _steps_in(path, watch)
     with _tables_in(path) as tables:
         return _sampled(path, tables, robot, watch)
 
@@ -149,24 +160,32 @@ def _seconds(tables: Iterable[Table]) -> float:
     return (max(t.max() for t in known) - min(t.min() for t in known)) / SECOND if known else 0.0
 
 
-def _steps_in(
-    path: Path, watch: Callable[[Iterable, int], Iterable], roles: Roles | None
-) -> RecordedEpisodes:
+def _tables_of_steps(path: Path, robot: RobotFile | None) -> list[Path]:
+    """Return a table itself, or those in a folder; raise RecordingError if there is none."""
+    is_other = robot is not None or _is_bag(path) or (path / lerobot_info.INFO).exists()
+    files = [] if is_other else [path] if path.is_file() else path.iterdir()
+    found = [file for file in files if file.suffix in arrow.SUFFIXES]
+    if not found:
+        raise RecordingError(
+            f'{path} {"is read by a robot file" if robot else "is not a table"}; --episode, '
+            '--done, --reward, --action, --ignore and --gaps (Roles) are for tables whose rows are '
+            'steps'
+        )
+    return sorted(found, key=lambda file: hdf5.natural(file.name))
+
+
+def _steps_in(path: Path, watch: Callable[[Iterable, int], Iterable]) -> RecordedEpisodes:
     if path.is_file() and path.suffix in arrow.SUFFIXES:
-        return _steps_of(path, arrow.read(path), roles)
+        return lerobot.steps_in(path, arrow.read(path))
     if path.is_file() and path.suffix in hdf5.SUFFIXES:
         with hdf5.opened(path) as file:
             return hdf5.steps_in(path, file)
     if path.is_file() and path.suffix in ulog.SUFFIXES:
         raise RecordingError(f'{path} holds messages; expected a robot file (--robot) for it')
     if (path / lerobot_info.INFO).exists():
-        table = arrow.read_all(path, arrow.files_in(path / lerobot_info.DATA))
+        table = arrow.joined(path, map(arrow.read, arrow.files_in(path / lerobot_info.DATA)))
         return lerobot.steps_in(path, table, lerobot_info.read_info(path), watch)
     raise RecordingError(f'{path} is not a recording; {_EXPECTED}')
-
-
-def _steps_of(path, table, roles: Roles | None) -> RecordedEpisodes:
-    return steps_by_roles(path, table, roles) if roles else lerobot.steps_in(path, table)
 
 
 @contextmanager

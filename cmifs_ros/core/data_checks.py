@@ -283,13 +283,16 @@ def _problems_of_order(means: np.ndarray) -> list[str]:
     if drift > _MUCH_DRIFT:
         problems.append(
             f'the return follows the order of the episodes ({drift:.0%} of its variance between '
-            'episodes is slow drift): sensors that drift along have no evidence; only if the order '
-            'means nothing, for example in files sorted by outcome, use --order none '
-            '(ordered=False)'
+            'episodes is slow drift): sensors that drift along have no evidence'
         )
     if worth < _FEW_INDEPENDENT * count:
         problems.append(
             f'{counted(count, "episode")} resemble their neighbours, as windows of one drive do, '
             f'so they count as about {worth:.0f} independent ones'
+        )
+    if problems:
+        problems[-1] += (
+            '; only if the order of the episodes means nothing, for example in files sorted by '
+            'outcome, use --order none (ordered=False)'
         )
     return problems

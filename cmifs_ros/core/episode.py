@@ -9,6 +9,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from .words import counted
+
 
 @dataclass(frozen=True, eq=False)
 class Episode:
@@ -74,6 +76,14 @@ class Episode:
             values.setflags(write=False)
             object.__setattr__(self, name, values)
         object.__setattr__(self, 'source', '' if self.source is None else str(self.source))
+
+    def __repr__(self) -> str:
+        """Return the shapes, not the numbers: a list of episodes fits a screen."""
+        source = f', source={self.source!r}' if self.source else ''
+        return (
+            f'Episode({counted(len(self), "step")}, {counted(self.num_channels, "channel")}, '
+            f'{counted(self.actions.shape[1], "action value")}{source})'
+        )
 
     def __len__(self) -> int:
         """Return the number of steps T."""

@@ -152,8 +152,27 @@ class SensorSelector(ABC):
         return mask
 
     def transform(self, states: np.ndarray) -> np.ndarray:
-        """Return the selected channels of states (..., v), best sensor first: shape (..., k)."""
+        """Return the selected channels of states (..., v), best sensor first: shape (..., k).
+
+        Of a data frame with columns named as in `fit`, whatever their order: these columns.
+
+        Raises
+        ------
+        ValueError
+            If the number of channels is not that of `fit`, or a data frame lacks one.
+
+        """
         self._check_fitted()
+        columns = [name for name in getattr(states, 'columns', ()) if isinstance(name, str)]
+        if not set(self.feature_names_in_).isdisjoint(columns):
+            names = [self.feature_names_in_[i] for i in self._support]
+            lacking = [name for name in names if name not in columns]
+            if lacking:
+                raise ValueError(
+                    f'states has no column {listed(lacking)}; expected the names given to fit: '
+                    f'{listed(self.feature_names_in_)}'
+                )
+            return np.asarray(states[names])
         states = np.asarray(states)
         if states.ndim == 0 or states.shape[-1] != len(self.feature_names_in_):
             raise ValueError(

@@ -112,7 +112,8 @@ def main(arguments: list[str] | None = None, program: str = 'select_from_bag') -
     )  # fmt: skip
     columns.add_argument(
         '--done', type=column_names, default=(), metavar='COLUMN,...',
-        help='instead: true at the last step of an episode (without either, a file is an episode)',
+        help='instead: true at the last step of an episode (without either, each file is one, and '
+        'their folder is the recording)',
     )  # fmt: skip
     columns.add_argument('--reward', metavar='COLUMN', help='the reward of a step')
     columns.add_argument(
@@ -120,6 +121,11 @@ def main(arguments: list[str] | None = None, program: str = 'select_from_bag') -
     )  # fmt: skip
     columns.add_argument(
         '--ignore', type=column_names, default=(), metavar='COLUMN,...', help='to be left out',
+    )  # fmt: skip
+    columns.add_argument(
+        '--gaps', type=column_names, default=(), metavar='COLUMN,...',
+        help='sensors that may have no value, such as the pose of a tag that is not always seen: '
+        'the last value holds, and a channel says whether there is one',
     )  # fmt: skip
     columns.add_argument(
         '--source-column', metavar='COLUMN',
@@ -168,10 +174,9 @@ def _run(options: argparse.Namespace) -> None:
             raise CommandError('--topics needs --robot, which gives the topics of the channels')
         if robot is not None:
             _check_sensors(robot, options.num_features)
-        paths = [one for path in options.recordings for one in recordings_in(path, robot)]
-        read = partial(
-            episodes_of_recording, robot=robot, open_bag=bag_opener(), roles=_roles(options)
-        )
+        roles = _roles(options)
+        paths = [one for path in options.recordings for one in recordings_in(path, robot, roles)]
+        read = partial(episodes_of_recording, robot=robot, open_bag=bag_opener(), roles=roles)
         with recordings_at(options.scheduler, options.jobs) as recordings:
             outlines = _read(recordings, paths, read, options.keep_going)
             _select(recordings, outlines, robot, options)
@@ -201,7 +206,7 @@ def _roles(options: argparse.Namespace) -> Roles | None:
     try:
         roles = Roles(
             options.episode, options.done, options.reward, options.action, options.ignore,
-            options.source_column,
+            options.source_column, options.gaps,
         )  # fmt: skip
     except ValueError as error:
         raise CommandError(str(error)) from None

@@ -37,6 +37,7 @@ def test_a_return_that_follows_the_order_is_told_unless_the_order_means_nothing(
     episodes = episodes_of(np.repeat([1.0, 0.0], 20))
     assert 'the return follows the order of the episodes' in told(episodes)
     assert '40 episodes resemble their neighbours' in told(episodes)
+    assert told(episodes).count('--order none') == 1
     assert told(episodes, ordered=False) == ''
 
 

@@ -43,6 +43,29 @@ def test_scikit_learns_manners():
     assert len(selector.ranking_) == len(selector.scores_) == 2
 
 
+def test_the_columns_of_a_data_frame_go_by_their_names():
+    pandas = pytest.importorskip('pandas', reason='pandas is not here')
+    states, rewards = toy()
+    selector = ConditionalMISelector(2, gamma=1e-6).fit((states, rewards), names=list('abcd'))
+    frame = pandas.DataFrame(states[0], columns=list('abcd'))
+    for columns in ('abcd', 'dbca', 'ca'):
+        np.testing.assert_array_equal(
+            selector.transform(frame[list(columns)]), states[0][:, [2, 0]]
+        )
+    with pytest.raises(
+        ValueError, match='no column c; expected the names given to fit: a, b, c, d'
+    ):
+        selector.transform(frame[['a', 'b', 'd']])
+    other = frame.set_axis(list('wxyz'), axis='columns')  # without these names, by place
+    np.testing.assert_array_equal(selector.transform(other), states[0][:, [2, 0]])
+
+
+def test_a_list_of_episodes_is_shown_without_its_numbers():
+    episodes = [Episode(np.zeros((100, 3)), np.zeros(100), np.zeros(100), 'arm') for _ in range(2)]
+    assert repr(episodes[0]) == "Episode(100 steps, 3 channels, 1 action value, source='arm')"
+    assert len(repr(episodes)) < 200
+
+
 def test_a_delayed_effect_is_found_through_the_return():
     # Channel 1 decides the reward two steps later; channel 0 is noise.
     rng = np.random.default_rng(0)

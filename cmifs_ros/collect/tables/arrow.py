@@ -53,11 +53,11 @@ def read(path: Path):
         raise RecordingError(f'{path} cannot be read as {path.suffix[1:]}: {what}') from error
 
 
-def read_all(path: Path, files: Iterable[Path]):
-    """Return the files of a data set as one Arrow table; raise RecordingError if they differ."""
+def joined(path, tables: Iterable):
+    """Return the tables of a data set as one Arrow table; raise RecordingError if they differ."""
     pa = pyarrow()
     try:
-        return pa.concat_tables([read(file) for file in files], promote_options='permissive')
+        return pa.concat_tables(tables, promote_options='permissive')
     except pa.ArrowException as error:
         what = ' '.join(str(error).split())[:300]
         raise RecordingError(f'the tables of {path} cannot be joined: {what}') from error

@@ -32,6 +32,10 @@ class Columns:
         self.path, self._table, self.names = path, table, table.column_names
         self.unreadable: dict[str, str] = {}
 
+    def __len__(self) -> int:
+        """Return the number of rows."""
+        return len(self._table)
+
     def numbers(self, name: str) -> np.ndarray | None:
         """Return a column, shape (rows,) or (rows, n), with NaN where it is empty, or None."""
         if name not in self.names:

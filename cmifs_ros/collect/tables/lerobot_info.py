@@ -57,7 +57,9 @@ class Info(NamedTuple):
         if (self.folder / _EPISODES).exists():  # v3: a file has many episodes
             names = ('chunk_index', 'file_index', 'from_timestamp')
             wanted = ['episode_index', *(f'videos/{column}/{name}' for name in names)]
-            table = arrow.read_all(self.folder, arrow.files_in(self.folder / _EPISODES))
+            table = arrow.joined(
+                self.folder, map(arrow.read, arrow.files_in(self.folder / _EPISODES))
+            )
             if missing := [name for name in wanted if name not in table.column_names]:
                 raise RecordingError(f'{self.folder / _EPISODES} has no column {missing[0]}')
             rows = zip(*(table[name].to_pylist() for name in wanted), strict=True)

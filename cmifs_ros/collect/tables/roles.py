@@ -4,14 +4,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from cmifs_ros.collect.recorded_episodes import RecordedEpisodes, RecordingError
-from cmifs_ros.core.words import listed
+from cmifs_ros.core.words import did_you_mean, listed, short
 
+from . import arrow
 from .columns import Columns, until
 from .steps import Names, Steps, episodes_of_steps
 
@@ -25,14 +27,17 @@ class Roles:
     episode : str, optional
         Names or numbers the episode of each row.
     done : str or sequence of str
-        Any of them is true at the last step of an episode, in place of `episode`. With neither, a
-        table is an episode.
+        Any of them is true at the last step of an episode, in place of `episode`. With neither,
+        each file is an episode.
     reward : str, optional
         The reward of each step.
     action : str or sequence of str
         The actions.
     ignore : str or sequence of str
         Columns that are left out.
+    gaps : str or sequence of str
+        Sensors that may have no value, such as the pose of a tag that is not always seen: the last
+        value of the episode holds, 0 before the first, and a channel says whether there is one.
     source : str, optional
         Names the robot or recording of each episode: each may have its own mean.
 
@@ -49,9 +54,10 @@ class Roles:
     action: str | Sequence[str] = ()
     ignore: str | Sequence[str] = ()
     source: str | None = None
+    gaps: str | Sequence[str] = ()
 
     def __post_init__(self):
-        for role in ('done', 'action', 'ignore'):
+        for role in ('done', 'action', 'ignore', 'gaps'):
             given = getattr(self, role)
             object.__setattr__(self, role, (given,) if isinstance(given, str) else tuple(given))
         if self.episode and self.done:
@@ -67,39 +73,73 @@ class Roles:
     def columns(self) -> list[str]:
         """All columns with a role."""
         single = [name for name in (self.episode, self.reward, self.source) if name]
-        return [*single, *self.done, *self.action, *self.ignore]
+        return [*single, *self.done, *self.action, *self.ignore, *self.gaps]
+
+    @property
+    def by_file(self) -> bool:
+        """Whether each file is an episode."""
+        return not self.episode and not self.done
 
 
-def steps_by_roles(path, table, roles: Roles) -> RecordedEpisodes:
-    """Return the episodes of an Arrow table of steps.
+def steps_by_roles(path, tables: Mapping[object, Any], roles: Roles) -> RecordedEpisodes:
+    """Return the episodes of Arrow tables of steps.
 
     Parameters
     ----------
     path : object
-        For messages.
-    table : pyarrow.Table
+        Of all, for messages.
+    tables : mapping of object to pyarrow.Table
+        By path. An episode does not go beyond its table.
     roles : Roles
 
     Raises
     ------
     RecordingError
-        If it lacks a column, one has no numbers where they are needed, or an episode has several
+        If they lack a column, one has no numbers where they are needed, or an episode has several
         sources.
 
     """
+    table = arrow.joined(path, tables.values())
     columns = Columns(path, table)
-    lacking = [name for name in roles.columns if name not in columns.names]
-    if lacking:
-        raise RecordingError(
-            f'{path} has no column {listed(lacking)}; expected some of {listed(columns.names)}'
-        )
+    for name in roles.columns:
+        if name not in columns.names:
+            raise RecordingError(
+                f'{path} has no column {short(name)}{did_you_mean(name, columns.names)}; expected '
+                f'some of {listed(columns.names)}'
+            )
     others = {name: columns.numbers(name) for name in columns.names if name not in roles.columns}
     states = {name: values for name, values in others.items() if values is not None}
-    if not states:
+    gaps = {name: _needed(columns, name) for name in roles.gaps}
+    if not states and not gaps:
         raise RecordingError(f'{path} has no sensors: no column without a role holds numbers')
     unreadable = dict(columns.unreadable)
     actions = {name: _needed(columns, name) for name in roles.action}
     rewards = _needed(columns, roles.reward) if roles.reward else None
+    parts, begin = [], 0
+    for one, of_one in tables.items():
+        for name, source, places in _episodes(Columns(one, of_one), roles):
+            rows = begin + places
+            parts.append(
+                Steps(
+                    f'{name} of {one}' if len(tables) > 1 else name,
+                    {key: values[rows] for key, values in states.items()}
+                    | {key: _held(values[rows]) for key, values in gaps.items()},
+                    {key: values[rows] for key, values in actions.items()},
+                    None if rewards is None else rewards[rows],
+                    source=source,
+                )
+            )
+        begin += len(of_one)
+    names = Names('state', {name: _names_of_gaps(values) for name, values in gaps.items()})
+    return episodes_of_steps(
+        path, parts, names, 'no column for the reward (--reward)', {},
+        remedy=' (--gaps keeps them, --ignore leaves the sensor out)',
+        num_open_steps=len(table) - sum(map(len, parts)), unreadable=unreadable,
+    )  # fmt: skip
+
+
+def _episodes(columns: Columns, roles: Roles) -> Iterator[tuple[str, str, np.ndarray]]:
+    """Yield the name, the source and the rows of each episode of a table."""
     if roles.episode:
         named = {
             f'{roles.episode} {name}': of for name, of in columns.by_value(roles.episode).items()
@@ -108,31 +148,18 @@ def steps_by_roles(path, table, roles: Roles) -> RecordedEpisodes:
         ends = np.any([_needed(columns, name) > 0 for name in roles.done], axis=0)
         named = {f'episode {i}': rows for i, rows in enumerate(until(ends))}
     else:
-        named = {'the table': np.arange(len(table))}
-    sources = np.full(len(table), '', dtype=object)
+        named = {'the table': np.arange(len(columns))} if len(columns) else {}
+    sources = np.full(len(columns), '', dtype=object)
     for source, rows in columns.by_value(roles.source).items() if roles.source else ():
         sources[rows] = source
     for name, rows in named.items():
         several = sorted(set(sources[rows]))
         if len(several) > 1:
             raise RecordingError(
-                f'{path}: {name} has rows of {listed(several)} in the column {roles.source}; '
-                'expected one source for each episode'
+                f'{columns.path}: {name} has rows of {listed(several)} in the column '
+                f'{roles.source}; expected one source for each episode'
             )
-    parts = [
-        Steps(
-            name,
-            {key: values[rows] for key, values in states.items()},
-            {key: values[rows] for key, values in actions.items()},
-            None if rewards is None else rewards[rows],
-            source=next(iter(sources[rows]), ''),
-        )
-        for name, rows in named.items()
-    ]
-    return episodes_of_steps(
-        path, parts, Names('state'), 'no column for the reward (--reward)', {},
-        num_open_steps=len(table) - sum(map(len, parts)), unreadable=unreadable,
-    )  # fmt: skip
+        yield name, next(iter(several), ''), rows
 
 
 def _needed(columns: Columns, name: str) -> np.ndarray:
@@ -140,3 +167,19 @@ def _needed(columns: Columns, name: str) -> np.ndarray:
     if found is None:
         raise RecordingError(f'{columns.path}: column {name}: {columns.unreadable[name]}')
     return found
+
+
+def _held(values: np.ndarray) -> np.ndarray:
+    """Return the last known values of a sensor with gaps, and whether it has one, shape (T, n + 1).
+
+    Nothing of later steps enters.
+    """
+    values = np.asarray(values, float).reshape(len(values), -1)
+    is_known = ~np.isnan(values).any(axis=1)
+    last = np.maximum.accumulate(np.where(is_known, np.arange(len(values)), -1))
+    return np.column_stack([np.where(last[:, None] < 0, 0.0, values[last]), is_known])
+
+
+def _names_of_gaps(values: np.ndarray) -> list[str]:
+    parts = ['value'] if values.ndim == 1 else [f'[{i}]' for i in range(values.shape[1])]
+    return [*parts, 'seen']

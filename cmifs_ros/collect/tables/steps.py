@@ -80,6 +80,8 @@ def episodes_of_steps(
     names: Names,
     no_rewards: str,
     dropped: Mapping[str, int],
+    *,
+    remedy: str = '',
     **about,
 ) -> RecordedEpisodes:
     """Return the episodes of a recording.
@@ -98,6 +100,8 @@ def episodes_of_steps(
         Why there are no rewards, if there are none.
     dropped : mapping of str to int
         Earlier drops by cause.
+    remedy : str
+        What helps if a sensor has no value, to be appended to the cause.
     **about
         Further fields of `RecordedEpisodes`.
 
@@ -126,11 +130,13 @@ def episodes_of_steps(
     episodes, counts = [], Counter[str](dropped)
     pictures: dict[str, list[Callable[[int], np.ndarray]]] = {key: [] for key in parts[0].pictures}
     for part, state, action in zip(parts, states, actions, strict=True):
-        missing = _not_finite(state, channels) + _not_finite(action, action_names)
+        missing = _not_finite(state, channels)
+        helps = remedy if missing else ''
+        missing += _not_finite(action, action_names)
         if part.rewards is not None:
             missing += _not_finite(part.rewards[:, None], ['the reward'])
         if missing:
-            counts[f'episodes in which {listed(missing)} is not a finite number'] += 1
+            counts[f'episodes in which {listed(missing)} is not a finite number{helps}'] += 1
         else:
             episodes.append(Episode(state, part.rewards, action, part.source))
             for key, of_episode in part.pictures.items():

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from pyarrow import csv
 
 from cmifs_ros.collect.recorded_episodes import RecordingError
-from cmifs_ros.collect.recording import episodes_of_recording
+from cmifs_ros.collect.recording import episodes_of_recording, recordings_in
 from cmifs_ros.collect.tables.roles import Roles
 
 ROLES = Roles('batch', reward='score', action=('heater', 'fan'), ignore=('t',))
@@ -107,6 +107,54 @@ def test_without_a_column_for_it_each_table_is_an_episode(tmp_path):
     assert [len(episode) for episode in found.episodes] == [7]
 
 
+def test_a_folder_of_tables_is_read_as_one_whose_files_are_its_episodes(tmp_path):
+    # Alone, the first file would have no discrete action, and the second no gauge.
+    rng = np.random.default_rng(0)
+    for number, bins in {1: [2, 2, 2], 2: [0, 1, 2, 0], 10: [1, 1]}.items():
+        count = len(bins)
+        gauge = pa.nulls(count) if number == 2 else rng.normal(size=count)
+        table = pa.table({'hue': rng.normal(size=count), 'gauge': gauge, 'bin': bins,
+                          'won': np.arange(count) + number})  # fmt: skip
+        csv.write_csv(table, tmp_path / f'try_{number}.csv')
+    (tmp_path / 'try_11.csv').write_text('hue,gauge,bin,won\n')  # It has no step.
+    roles = Roles(reward='won', action='bin', gaps='gauge')
+    assert recordings_in(tmp_path, roles=roles) == [tmp_path]
+    found = episodes_of_recording(tmp_path, roles=roles)
+    assert found.channel_names == ('hue', 'gauge.value', 'gauge.seen')
+    assert found.action_names == ('action_bin.0', 'action_bin.1', 'action_bin.2')
+    assert [e.rewards.tolist() for e in found.episodes] == [[1, 2, 3], [2, 3, 4, 5], [10, 11]]
+    assert found.episodes[1].states[:, 2].tolist() == [0, 0, 0, 0]
+    assert '3 episodes of 9 steps, channels hue, gauge.value' in repr(found)
+
+
+def test_episodes_of_a_folder_end_with_their_file(tmp_path):
+    table = log()
+    csv.write_csv(table.slice(0, 10), tmp_path / 'a.csv')
+    csv.write_csv(table.slice(6, 9), tmp_path / 'b.csv')  # B1 is cut, and begins again
+    found = episodes_of_recording(tmp_path, roles=ROLES)
+    assert [len(episode) for episode in found.episodes] == [4, 6, 4, 5]
+    assert recordings_in(tmp_path, roles=ROLES) == [tmp_path / 'a.csv', tmp_path / 'b.csv']
+
+
+def test_a_sensor_with_gaps_holds_its_last_value_and_says_whether_there_is_one():
+    nan = np.nan
+    table = pa.table({
+        'run': [0, 0, 0, 0, 1, 1, 1], 'x': np.arange(7.0),
+        'tag': [nan, 5.0, nan, 7.0, nan, nan, 8.0],
+        'pose': pa.array([[1, 2], [nan, 3], [4, 5], [nan, nan], [6, nan], [7, 8], [nan, 9]]),
+    })  # fmt: skip
+    found = episodes_of_recording(table, roles=Roles('run', gaps=('tag', 'pose')))
+    assert found.channel_names == ('x', 'tag.value', 'tag.seen', 'pose[0]', 'pose[1]', 'pose.seen')
+    first, second = (episode.states[:, 1:] for episode in found.episodes)
+    assert first.tolist() == [
+        [0, 0, 1, 2, 1], [5, 1, 1, 2, 0], [5, 0, 4, 5, 1], [7, 1, 4, 5, 0],
+    ]  # fmt: skip
+    assert second.tolist() == [[0, 0, 0, 0, 0], [0, 0, 7, 8, 1], [8, 1, 7, 8, 0]]
+    dropped = episodes_of_recording(table.drop(['pose']), roles=Roles('run')).dropped
+    assert [*dropped.values()] == [2]
+    assert '--gaps' in next(iter(dropped))
+
+
 def test_a_table_without_a_reward_says_so():
     assert episodes_of_recording(log(), roles=Roles('batch')).no_rewards
 
@@ -114,7 +162,8 @@ def test_a_table_without_a_reward_says_so():
 @pytest.mark.parametrize(
     ('roles', 'said'),
     [
-        (Roles('lot'), 'no column lot'),
+        (Roles('lot'), 'no column lot; expected'),
+        (Roles('batch', reward='scor'), r"no column scor \(did you mean 'score'\?\)"),
         (Roles('batch', reward='operator'), 'operator: it has no numbers'),
         (Roles('batch', ignore=('t', 'temperature', 'humidity', 'heater', 'fan', 'score', 'over',
                                 'stopped')), 'no sensors'),
@@ -147,7 +196,9 @@ def test_a_reading_out_of_range_is_the_greatest_or_least_and_other_gaps_drop_the
     column = found.channel_names.index('temperature')
     seen = np.concatenate([episode.states[:, column] for episode in found.episodes])
     np.testing.assert_array_equal(seen, expected[:10])
-    assert found.dropped == {'episodes in which temperature is not a finite number': 1}
+    ((cause, count),) = found.dropped.items()
+    assert cause.startswith('episodes in which temperature is not a finite number')
+    assert count == 1
 
 
 def test_a_column_has_one_role():
