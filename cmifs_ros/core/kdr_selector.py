@@ -5,9 +5,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from numbers import Integral
 
 from .kdr import KDR
-from .sensor_selector import SensorSelector, channel_index
+from .sensor_selector import SensorSelector
+from .sensors import channel_index
 
 
 class KDRSelector(SensorSelector):
@@ -44,7 +46,7 @@ class KDRSelector(SensorSelector):
         self.target = target
 
     def _rank(self, episodes, names, sensors):
-        target = [self.target] if isinstance(self.target, str | int) else self.target
+        target = [self.target] if isinstance(self.target, str | Integral) else self.target
         if len(target) == 0:
             raise ValueError(f'target is {self.target!r}; expected at least one channel')
         indices = [channel_index(names, channel, 'target') for channel in target]

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""The base class of the selectors: scikit-learn-style API, validation, groups of channels."""
+"""The base class of the selectors: scikit-learn-style API and validation."""
 
 from __future__ import annotations
 
@@ -21,6 +21,7 @@ from .search import (
     channels,
     forward_selection,
 )
+from .sensors import checked_names, sensors_of
 from .words import listed
 
 
@@ -257,8 +258,8 @@ class SensorSelector(ABC):
         episodes, num_channels = self._taken(episodes)
         if len(episodes) < 2:
             raise ValueError('there is 1 episode; expected at least 2 to compare')
-        names = _checked_names(names, num_channels)
-        return episodes, names, *_sensors(names, self.groups or {})
+        names = checked_names(names, num_channels)
+        return episodes, names, *sensors_of(names, self.groups or {})
 
     def _taken(self, episodes):
         """Return the episodes and their number of channels."""
@@ -275,54 +276,3 @@ class SensorSelector(ABC):
     def _check_fitted(self):
         if not hasattr(self, 'ranking_'):
             raise RuntimeError('the selector is not fitted yet; call fit() first')
-
-
-def _checked_names(names: Sequence[str] | None, num_channels: int) -> tuple[str, ...]:
-    if names is None:
-        return tuple(f'x{i}' for i in range(num_channels))
-    names = tuple(names)
-    if len(names) != num_channels:
-        raise ValueError(
-            f'there are {len(names)} names; expected {num_channels}, one for each channel'
-        )
-    for name in names:
-        if not name or names.count(name) > 1:
-            raise ValueError(f'channel name {name!r} is empty or repeated; expected distinct names')
-    return names
-
-
-def channel_index(names: tuple[str, ...], channel: str | int, where: str) -> int:
-    """Return the index of a channel given by name or index; `where` appears in the error."""
-    index = names.index(channel) if channel in names else channel
-    if not isinstance(index, int) or not 0 <= index < len(names):
-        raise ValueError(f'{where} names channel {channel!r}; expected one of {", ".join(names)}')
-    return index
-
-
-def _sensors(
-    names: tuple[str, ...], groups: Mapping[str, Sequence[str | int]]
-) -> tuple[tuple[str, ...], list[Sensor]]:
-    """Return the names and channels of all sensors, ordered by their first channels."""
-    grouped: dict[int, str] = {}
-    sensors: dict[str, Sensor] = {}
-    for group, members in groups.items():
-        indices = []
-        for member in members:
-            index = channel_index(names, member, f'group {group!r}')
-            if index in grouped:
-                raise ValueError(
-                    f'channel {names[index]!r} is in two groups, {grouped[index]!r} and {group!r}; '
-                    'expected one'
-                )
-            grouped[index] = group
-            indices.append(index)
-        if not indices:
-            raise ValueError(f'group {group!r} is empty; expected at least one channel')
-        sensors[group] = tuple(indices)
-    for index, name in enumerate(names):
-        if index not in grouped:
-            if name in sensors:
-                raise ValueError(f'{name!r} names a group and a channel outside it; rename one')
-            sensors[name] = (index,)
-    ordered = sorted(sensors.items(), key=lambda item: min(item[1]))
-    return tuple(name for name, _ in ordered), [channels_ for _, channels_ in ordered]

@@ -60,7 +60,7 @@ def test_the_direct_cause_ranks_first(seed, direction):
 
 
 def test_without_a_number_all_sensors_are_ranked_and_selected():
-    selector = KDRSelector(target=1, groups={'pair': [0, 3]}).fit(chained())
+    selector = KDRSelector(target=np.int64(1), groups={'pair': [0, 3]}).fit(chained())
     assert selector.sensor_names_ == ('pair', 'x1', 'x2')
     assert sorted(selector.ranking_) == [0, 1, 2]
     assert selector.num_features_ == 3
