@@ -119,6 +119,8 @@ def test_a_group_is_selected_whole_and_named():
     assert selector.sensor_names_ == ('pose', 'b', 'd')
     assert selector.sensor_names_[selector.ranking_[0]] == 'pose'
     assert selector.get_feature_names_out().tolist() == ['c', 'a']
+    by_index = ConditionalMISelector(1, gamma=1e-6, groups={'pose': np.array([2, 0])}).fit(toy())
+    assert by_index.get_support(indices=True).tolist() == [2, 0]
 
 
 def test_episodes_of_any_length_are_taken():
@@ -170,12 +172,17 @@ def test_huge_units_do_not_change_the_selection_and_overflowing_returns_are_refu
         ({'num_features': 5}, 'num_features is 5; expected 1 to 4'),
         ({'num_features': 0}, 'num_features is 0; expected 1 to 4'),
         ({'num_features': 'a'}, "num_features is 'a'; expected 1 to 4"),
-        ({'n_jobs': 'a'}, "n_jobs is 'a'; expected a number"),
+        ({'n_jobs': 'a'}, "n_jobs is 'a'; expected a whole number, at least 1"),
+        ({'n_jobs': 1.5}, 'n_jobs is 1.5; expected a whole number'),
+        ({'random_state': None}, 'random_state is None; expected a whole number, at least 0'),
+        ({'random_state': -1}, 'random_state is -1; expected a whole number, at least 0'),
         ({'gamma': 0.0}, 'gamma is 0.0; expected 0 < gamma <= 1'),
         ({'criterion': 'mi'}, "criterion is 'mi'; expected one of held_out, plug_in"),
         ({'direction': 'up'}, "direction is 'up'; expected one of forward, backward"),
         ({'max_time_bins': 0}, 'max_time_bins is 0'),
+        ({'max_time_bins': 2.5}, 'max_time_bins is 2.5; expected a whole number'),
         ({'num_centers': 0}, 'num_centers is 0'),
+        ({'num_centers': 2.5}, 'num_centers is 2.5; expected a whole number'),
         ({'groups': {'g': []}}, "group 'g' is empty"),
         ({'groups': {'g': ['q']}}, "group 'g' names channel 'q'; expected one of a, b, c, d"),
         ({'groups': {'g': ['a'], 'h': [0]}}, "channel 'a' is in two groups, 'g' and 'h'"),
