@@ -47,8 +47,9 @@ class EncoderReader(Nodes):
             return self._installed(parts['as'], f'{name}.as') if 'as' in parts else None
         options: dict = {}
         if 'sectors' in allowed and 'sectors' in parts:
-            number = self.number(parts['sectors'], f'{name}.sectors', 1, _MAX_SECTORS, 1)
-            options['num_sectors'] = int(number)
+            options['num_sectors'] = self.number(
+                parts['sectors'], f'{name}.sectors', 1, _MAX_SECTORS, 1, is_whole=True
+            )
         if 'max_range' in allowed and 'max_range' in parts:
             what = f'{name}.max_range'
             options['max_range'] = self.number(parts['max_range'], what, 0.001, 10**6, 1.0)

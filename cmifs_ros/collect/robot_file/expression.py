@@ -77,7 +77,9 @@ class Expression:
 
     def __init__(self, text: str):
         if len(text) > MAX_LENGTH:
-            raise ValueError(f'an expression of {len(text)} characters; at most {MAX_LENGTH}')
+            raise ValueError(
+                f'an expression of {len(text)} characters; expected at most {MAX_LENGTH}'
+            )
         try:
             tree = ast.parse(text.strip(), mode='eval').body
         except (SyntaxError, ValueError, RecursionError, MemoryError):

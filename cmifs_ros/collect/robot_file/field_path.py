@@ -243,12 +243,16 @@ def parse_field_path(text: str) -> FieldPath:
     """
     shown = repr(text if len(text) <= 60 else f'{text[:57]}...')
     if len(text) > 16 * MAX_NAME_LENGTH:
-        raise ValueError(f'a path of {len(text)} characters; at most {16 * MAX_NAME_LENGTH}')
+        raise ValueError(
+            f'a path of {len(text)} characters; expected at most {16 * MAX_NAME_LENGTH}'
+        )
     topic = _TOPIC.match(text)
     if topic is None:
         raise ValueError(f'{shown} is not a path; expected one such as /odom.pose.pose.position.x')
     if topic.end() > _MAX_TOPIC:
-        raise ValueError(f'{shown} has a topic of {topic.end()} characters; at most {_MAX_TOPIC}')
+        raise ValueError(
+            f'{shown} has a topic of {topic.end()} characters; expected at most {_MAX_TOPIC}'
+        )
     position = topic.end()
     fields: list[str] = []
     while (field := _FIELD.match(text, position)) is not None:

@@ -92,7 +92,7 @@ class Source:
         if self.encoder is not None:
             return [n for part in self.path.values_in(message) for n in self._encoded(part)]
         if self.one_hot:
-            return [part for kind in self.path.values_in(message) for part in self._one_hot(kind)]
+            return [part for one in self.path.values_in(message) for part in self._one_hot(one)]
         if self.words:
             return [part for text in self.path.values_in(message) for part in self._words(text)]
         values = self.path.numbers_in(message)
@@ -103,12 +103,12 @@ class Source:
 
     def _one_hot(self, value) -> list[float]:
         number = 0.5 if isinstance(value, str) else self.path.as_number(value)
-        kind = str(int(number) if number.is_integer() else value)
-        if kind not in self.one_hot:
+        category = str(int(number) if number.is_integer() else value)
+        if category not in self.one_hot:
             raise UnlistedCategoryError(
-                f'{self.path} is {kind[:40]!r}; expected one of {first(self.one_hot)} (one_hot)'
+                f'{self.path} is {category[:40]!r}; expected one of {first(self.one_hot)} (one_hot)'
             )
-        return [float(kind == one) for one in self.one_hot]
+        return [float(category == one) for one in self.one_hot]
 
     def _words(self, value) -> list[float]:
         if not isinstance(value, str):

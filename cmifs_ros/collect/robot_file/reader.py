@@ -109,20 +109,20 @@ def _not_yaml(text: str, error: Exception) -> str:
 class _FileReader(RuleReader):
     """Read the whole file."""
 
-    def _clock(self, node) -> tuple[str | None, float | None]:
+    def _step(self, node) -> tuple[str | None, float | None]:
         """Return the topic and the rate of steps, one of which is None."""
         step = self.mapping(node, 'step', ('topic', 'rate', 'type'))
         if ('topic' in step) == ('rate' in step):
             self.note(node, 'step has neither or both of topic and rate; expected one')
         rate = self.number(step.get('rate'), 'step.rate', 0.001, 10_000)
-        clock = self.path(step['topic'], 'step.topic') if 'topic' in step else None
-        if clock is not None and clock.fields:
+        path = self.path(step['topic'], 'step.topic') if 'topic' in step else None
+        if path is not None and path.fields:
             self.note(step['topic'], 'step.topic names a field; expected a topic such as /odom')
-        if 'type' in step and clock is not None:
-            self.note_type(step['type'], 'step.type', clock.topic)
+        if 'type' in step and path is not None:
+            self.note_type(step['type'], 'step.type', path.topic)
         elif 'type' in step:
             self.note(step['type'], 'step.type is given without step.topic')
-        return clock.topic if clock else None, rate
+        return path.topic if path else None, rate
 
     def _discount(self, node) -> Discount:
         found = self.mapping(node, 'discount', ('gamma', 'half_life'))
@@ -140,8 +140,11 @@ class _FileReader(RuleReader):
         found = self.mapping(node, 'saving', tuple(names))
         if 'episode' not in top:
             self.note(node, 'saving needs episode, because it counts episodes; add episode')
-        numbers = {n: self.number(found.get(n), f'saving.{n}', 1, 10**6) for n in names}
-        return SavingCycle(**{name: int(n) for name, n in numbers.items() if n is not None})
+        given = {
+            name: self.number(value, f'saving.{name}', 1, 10**6, 1, is_whole=True)
+            for name, value in found.items()
+        }
+        return SavingCycle(**given)
 
     def _sources(self, top: dict) -> tuple[list[Source | None], set[str]]:
         """Return all sources, None for each with a mistake, and all names."""
@@ -169,7 +172,7 @@ class _FileReader(RuleReader):
             if key not in top and root is not None:
                 line = max(root.end_mark.line, 1)
                 self.mistakes.append((line, f'the file has no {key!r}; add {example}'))
-        clock, rate = self._clock(top['step']) if 'step' in top else (None, None)
+        step_topic, rate = self._step(top['step']) if 'step' in top else (None, None)
         sources, keys = self._sources(top)
         found = tuple(source for source in sources if source is not None)
         names = [name for source in found for name in source.names]
@@ -196,14 +199,14 @@ class _FileReader(RuleReader):
         )
         found = self.with_words(found, (reward, terminated, truncated), top.get('values'))
         action = self.path(episode['action'], 'episode.action') if 'action' in episode else None
-        steps = self.number(episode.get('steps'), 'episode.steps', 1, 10**6)
+        steps = self.number(episode.get('steps'), 'episode.steps', 1, 10**6, is_whole=True)
         discount = self._discount(top['discount']) if 'discount' in top else None
         saving = self._saving(top['saving'], top) if 'saving' in top else None
         if self.mistakes:
             return None
         return RobotFile(
-            clock, rate, found, reward, terminated, truncated,
-            action.topic if action else None, steps and int(steps), self.types, discount, source,
+            step_topic, rate, found, reward, terminated, truncated,
+            action.topic if action else None, steps, self.types, discount, source,
             target, saving,
         )  # fmt: skip
 

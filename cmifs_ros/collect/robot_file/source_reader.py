@@ -72,8 +72,8 @@ class SourceReader(EncoderReader):
                 'braces or inf',
             )  # fmt: skip
             return None
-        kinds = self._kinds(parts['one_hot'], name) if 'one_hot' in parts else ()
-        if kinds and (len(path.suffixes) > 1 or encoder or inf or role == VALUE):
+        categories = self._categories(parts['one_hot'], name) if 'one_hot' in parts else ()
+        if categories and (len(path.suffixes) > 1 or encoder or inf or role == VALUE):
             self.note(
                 node,
                 f'{name} has one_hot; expected a channel of a single value, without as or inf. '
@@ -82,13 +82,13 @@ class SourceReader(EncoderReader):
             )
             return None
         over = self._over(parts['over'], name) if 'over' in parts else ()
-        if over and (encoder or kinds or (len(over) > 1 and len(path.suffixes) > 1)):
+        if over and (encoder or categories or (len(over) > 1 and len(path.suffixes) > 1)):
             self.note(
                 node,
                 f'{name} has over; expected numbers, without as or one_hot, and for several '
                 'summaries a single value',
             )
-        source = Source(name, path, encoder, max_age, inf and inf.value, kinds, role, over)
+        source = Source(name, path, encoder, max_age, inf and inf.value, categories, role, over)
         return self._checked(source, node)
 
     def _over(self, node, name: str) -> tuple[str, ...]:
@@ -102,18 +102,20 @@ class SourceReader(EncoderReader):
             return ()
         return found
 
-    def _kinds(self, node, name: str) -> tuple[str, ...]:
+    def _categories(self, node, name: str) -> tuple[str, ...]:
         items = node.value if isinstance(node, yaml.SequenceNode) else []
         texts = [item.value if isinstance(item, yaml.ScalarNode) else '' for item in items]
-        kinds = tuple(str(int(text)) if _WHOLE.fullmatch(text) else text for text in texts)
-        if len(kinds) < 2 or not any(all(map(p.fullmatch, kinds)) for p in (_WHOLE, _WORD)):
+        categories = tuple(str(int(text)) if _WHOLE.fullmatch(text) else text for text in texts)
+        if len(categories) < 2 or not any(
+            all(map(p.fullmatch, categories)) for p in (_WHOLE, _WORD)
+        ):
             said = f'[{first(texts)}]' if items else shown(node)
             self.note(
                 node,
                 f'{name}.one_hot is {said}; expected whole numbers or words, two at least, such as '
                 '[0, 1, 2, 3]',
             )
-        return kinds
+        return categories
 
     def _checked(self, source: Source, node) -> Source | None:
         if not source.path.fields and source.encoder in (None, Yaw()):

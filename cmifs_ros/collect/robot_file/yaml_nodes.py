@@ -48,7 +48,9 @@ class Nodes:
                 found[name] = value
         return found
 
-    def number(self, node, what: str, low: float, high: float, default=None):
+    def number(
+        self, node, what: str, low: float, high: float, default=None, *, is_whole: bool = False
+    ):
         """Return a number within bounds, or the default."""
         if node is None:
             return default
@@ -56,10 +58,11 @@ class Nodes:
             value = float(node.value.replace('.inf', 'inf'))
         except (ValueError, AttributeError):
             value = math.nan
-        if not low <= value <= high:
-            self.note(node, f'{what} is {shown(node)}; expected a number from {low} to {high}')
+        if not low <= value <= high or (is_whole and not value.is_integer()):
+            kind = 'a whole number' if is_whole else 'a number'
+            self.note(node, f'{what} is {shown(node)}; expected {kind} from {low} to {high}')
             return default
-        return value
+        return int(value) if is_whole else value
 
     def choice(self, node, what: str, choices: Sequence[str]) -> str:
         """Return one of some words; the first one if there is a mistake."""

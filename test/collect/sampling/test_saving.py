@@ -172,7 +172,8 @@ def test_without_the_key_nothing_is_switched_off():
 @pytest.mark.parametrize(
     ('wrong', 'said'),
     [
-        ('saving: {after: 0}', "line 12: saving.after is '0'; expected a number from 1"),
+        ('saving: {after: 0}', "line 12: saving.after is '0'; expected a whole number from 1"),
+        ('saving: {after: 2.5}', "saving.after is '2.5'; expected a whole number from 1"),
         ('saving: {every: 5}', "saving has 'every'; expected after, explore_every"),
         ('saving: true', "saving is 'true'; expected a mapping"),
     ],
