@@ -158,8 +158,10 @@ class SelectionQueue:
                 self._finish(finished.result())
             elif isinstance(error, BrokenProcessPool):
                 self._finish(error='the worker process died during the selection')
-            else:
+            elif isinstance(error, ValueError):  # It says what is wrong.
                 self._finish(error=str(error))
+            else:
+                self._finish(error=repr(error))
         elif self.busy and 0 < self.timeout < self.running_for:
             self._worker.stop()
             reason = f'the selection took longer than {self.timeout:g} s (selection_timeout)'

@@ -46,3 +46,17 @@ def test_no_episode_is_kept_after_its_selection(way):
         until(lambda: gc.collect() >= 0 and not any(episode() for episode in kept))
     finally:
         queue.stop()
+
+
+def test_an_error_without_a_text_is_no_success():
+    outcomes = []
+    # Not one argument fits: a TypeError, whose name is part of the reason.
+    queue = SelectionQueue(
+        lambda cause: Job(1, 0, cause, ()), lambda: 1, lambda one: one, timeout=0
+    )
+    try:
+        queue.request('test', lambda outcome: outcomes.append(outcome.error))
+        until(lambda: queue.poll() or outcomes)
+    finally:
+        queue.stop()
+    assert outcomes[0].startswith('TypeError(')
