@@ -97,7 +97,11 @@ class FieldReader:
                     )
             return named_values(msg)
         if len(msg.name) * len(self._fields) > MAX_CHANNELS:
-            raise ValueError(f'there are {len(msg.name)} names; expected fewer')
+            raise ValueError(
+                f'there are {counted(len(msg.name), "name")} with '
+                f'{counted(len(self._fields), "field")} each; expected at most {MAX_CHANNELS} '
+                'channels'
+            )
         values = array('d')
         for field in self._fields:
             part = getattr(msg, field)

@@ -50,7 +50,7 @@ class SelectorStorage:
             self.save(Saved(None, ()))  # A disk that is not writable is reported now.
             return None
         except (OSError, RefusedFileError) as error:
-            reason = f'{path} {error.strerror}' if isinstance(error, OSError) else error
+            reason = f'{path}: {error.strerror}' if isinstance(error, OSError) else error
             try:
                 aside = f'is kept as {episode_file.set_aside(path)}'
             except OSError as failure:  # It must not be overwritten either.

@@ -148,6 +148,8 @@ def opened(
     with ExitStack() as stack:
         try:
             reader = BagReader(storages(path, stack), types)
+        except PermissionError as error:
+            raise BagError(f'{error.filename} cannot be read: {error.strerror}') from error
         except Exception as error:  # Invalid files make the readers raise almost anything.
             raise BagError(
                 f'{path} cannot be read as a bag: {shown(error)}; expected a folder with its '
