@@ -46,7 +46,7 @@ class KDRSelector(SensorSelector):
         self.target = target
 
     def _rank(self, episodes, names, sensors):
-        target = [self.target] if isinstance(self.target, str | Integral) else self.target
+        target = [self.target] if isinstance(self.target, str | int | Integral) else self.target
         if len(target) == 0:
             raise ValueError(f'target is {self.target!r}; expected at least one channel')
         indices = [channel_index(names, channel, 'target') for channel in target]
