@@ -5,7 +5,7 @@
 import joblib
 import pytest
 
-from cmifs_ros.core.selection import select
+from cmifs_ros.core.selecting import select
 from cmifs_ros.sim import channel_names, rollout
 
 

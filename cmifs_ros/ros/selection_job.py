@@ -7,7 +7,8 @@ from __future__ import annotations
 import numpy as np
 
 from cmifs_ros.core import Episode
-from cmifs_ros.core.selection import Selection, select
+from cmifs_ros.core.selecting import select
+from cmifs_ros.core.selection import Selection
 
 from .worker import report_progress
 

@@ -9,7 +9,7 @@ from math import inf, isnan
 
 from cmifs_ros.collect.sensor_groups import groups_by_name
 from cmifs_ros.core import CRITERIA, DIRECTIONS
-from cmifs_ros.core.selection import METHODS
+from cmifs_ros.core.selecting import METHODS
 from cmifs_ros.core.targets import RETURN, TARGETS
 from cmifs_ros.core.words import listed
 

@@ -8,7 +8,7 @@ import argparse
 import os
 import sys
 
-from cmifs_ros.core.selection import select
+from cmifs_ros.core.selecting import select
 from cmifs_ros.sim import channel_names, rollout
 
 from .demo_report import demo_parser, parsed, print_selection, save_picture

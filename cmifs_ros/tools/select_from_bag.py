@@ -25,7 +25,7 @@ from cmifs_ros.collect.sensor_groups import groups_by_name
 from cmifs_ros.collect.tables.roles import Roles
 from cmifs_ros.core import ConditionalMISelector
 from cmifs_ros.core.data_checks import problems_of_pooling
-from cmifs_ros.core.selection import select
+from cmifs_ros.core.selecting import select
 from cmifs_ros.core.targets import ACTION, DECISION, RETURN, TARGETS
 from cmifs_ros.core.words import counted, first, listed
 

@@ -16,7 +16,7 @@ from functools import partial
 import numpy as np
 
 from cmifs_ros.collect.sensor_groups import groups_by_name
-from cmifs_ros.core.selection import select
+from cmifs_ros.core.selecting import select
 from cmifs_ros.core.statuses import STATUSES
 from cmifs_ros.tools.program import CommandError, exit_code
 from studies.tasks import drawn_arm

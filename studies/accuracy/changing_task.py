@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cmifs_ros.core import Episode
-from cmifs_ros.core.selection import select
+from cmifs_ros.core.selecting import select
 from cmifs_ros.tools.program import exit_code
 from studies.tasks.registry import TASKS
 from studies.trials.arguments import study_parser

@@ -20,7 +20,7 @@ from joblib import Parallel, delayed
 from cmifs_ros.collect.episodes.buffer import EpisodeBuffer
 from cmifs_ros.core import Episode
 from cmifs_ros.core.looks import level_of_look
-from cmifs_ros.core.selection import select
+from cmifs_ros.core.selecting import select
 from cmifs_ros.tools.arguments import number_from
 from cmifs_ros.tools.program import exit_code
 

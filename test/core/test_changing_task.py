@@ -7,7 +7,7 @@ import pytest
 
 from cmifs_ros.core import ConditionalMISelector, Episode
 from cmifs_ros.core.changing_task import num_outdated
-from cmifs_ros.core.selection import select
+from cmifs_ros.core.selecting import select
 
 NAMES = ('a', 'b', 'c')
 

@@ -7,7 +7,7 @@ import pytest
 
 from cmifs_ros.core import ConditionalMISelector, Episode
 from cmifs_ros.core.contribution import contribution
-from cmifs_ros.core.selection import select
+from cmifs_ros.core.selecting import select
 
 NAMES = ('x', 'eye[0]', 'eye[1]', 'noise')
 SETTINGS = {'groups': {'eye': NAMES[1:3]}, 'gamma': 0.5}

@@ -23,7 +23,7 @@ from cmifs_ros.collect.episodes.file_reader import read_episodes
 from cmifs_ros.collect.robot_file.reader import parse_robot_file
 from cmifs_ros.collect.sampling.bag_reader import BagError, open_bag
 from cmifs_ros.core import ConditionalMISelector
-from cmifs_ros.core.selection import select
+from cmifs_ros.core.selecting import select
 from cmifs_ros.tools.make_robot_file import main as make_robot_file
 from cmifs_ros.tools.select_from_bag import main
 from studies.tasks.control import rollout_control

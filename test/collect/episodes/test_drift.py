@@ -5,7 +5,7 @@ import pytest
 
 from cmifs_ros.collect.episodes.drift import Drift
 from cmifs_ros.core import Episode
-from cmifs_ros.core.selection import select
+from cmifs_ros.core.selecting import select
 
 
 def episodes(count, seed=0, scale=(1.0, 1.0, 0.0), offset=(0.0, 1e9, 3.0)):

@@ -5,7 +5,7 @@
 import numpy as np
 
 from cmifs_ros.core import ConditionalMISelector, Episode
-from cmifs_ros.core.selection import select
+from cmifs_ros.core.selecting import select
 from studies.tasks.synthetic import WORLDS, rollout_synthetic
 
 
