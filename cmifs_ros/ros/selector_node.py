@@ -17,7 +17,6 @@ from rclpy.node import Node
 from std_srvs.srv import Trigger
 
 from cmifs_ros.collect.episodes.buffer import EpisodeBuffer
-from cmifs_ros.collect.episodes.file_format import Saved
 from cmifs_ros.collect.selection_report import (
     change,
     evidence,
@@ -98,8 +97,11 @@ class SelectorNode(Node):
         self._selection_timer = None
         self._set_selection_period(self._settings['selection_period'])
         if self._settings['episodes_path']:
-            self._storage = SelectorStorage(self, self._settings['episodes_path'])
-            self._restore()
+            self._storage = SelectorStorage(
+                self, self._settings['episodes_path'], self._buffer, self._input, self._output
+            )
+            if self._storage.restore():
+                self._revision += 1
         self._queue.start()
         self.get_logger().info(f'waiting for {" and ".join(self._input.topics)}')
 
@@ -117,11 +119,6 @@ class SelectorNode(Node):
     def _max_episodes(self) -> int:
         return max(self._settings['max_episodes'], self._settings['min_episodes'])
 
-    @property
-    def _names(self) -> tuple[tuple[str, ...] | None, tuple[str, ...]]:
-        """The names of the channels and of the actions."""
-        return self._input.channel_names, self._input.action_names
-
     # --- episodes and states
 
     def _keep(self, episode: Episode) -> None:
@@ -130,9 +127,8 @@ class SelectorNode(Node):
         self._revision += 1
         if self._output.in_use is not None:
             self._output.in_use.add(episode)
-        renewals = self._buffer.renewals
-        if self._storage is not None and not self._storage.append(episode, *self._names, renewals):
-            self._save()
+        if self._storage is not None:
+            self._storage.append(episode)
 
     def _on_new_channels(self) -> None:
         names = self._input.channel_names
@@ -255,46 +251,11 @@ class SelectorNode(Node):
             self.get_logger().warning(warnings[kind])
         self._warned |= warnings.keys()
 
-    # --- storage
-
-    def _restore(self) -> None:
-        saved = self._storage.restore(self._buffer.max_episodes, self._buffer.max_bytes)
-        if saved is None:
-            return
-        for episode in saved.episodes:
-            self._buffer.append(episode)
-        self._buffer.renewals = max(self._buffer.renewals, saved.renewals)
-        if saved.episodes:  # After they were cleared the first state determines the channels.
-            self._input.restore_names(saved.channel_names, saved.action_names)
-        self._revision += 1
-        if saved.selection is not None:
-            age = max(0.0, time.time() - saved.selected_at)
-            self._output.restore(saved.selection, saved.channel_names, age)
-        self._save()
+    # --- upkeep
 
     def _save(self) -> None:
-        if self._storage is None:
-            return
-        in_use = self._output.in_use
-        selection, selected_at = None, 0.0
-        if in_use is not None:
-            selection, selected_at = in_use.selection, time.time() - in_use.age
-        channels, actions = self._names
-        if in_use is not None and channels is None:  # The episodes were cleared.
-            channels = in_use.channel_names
-        episodes = self._buffer.snapshot()
-        self._storage.save(
-            Saved(
-                channels,
-                episodes,
-                selection,
-                selected_at,
-                action_names=actions,
-                renewals=self._buffer.renewals,
-            )
-        )
-
-    # --- upkeep
+        if self._storage is not None:
+            self._storage.save()
 
     def _check(self, values: dict) -> None:
         check_parameters(values, None if self._input is None else self._input.channel_names)

@@ -5,11 +5,13 @@
 from __future__ import annotations
 
 import os
+import time
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.node import Node
 
 from cmifs_ros.collect.episodes import file as episode_file
+from cmifs_ros.collect.episodes.buffer import EpisodeBuffer
 from cmifs_ros.collect.episodes.file_format import Saved
 from cmifs_ros.collect.episodes.file_reader import RefusedFileError, read_episodes
 from cmifs_ros.collect.episodes.saver import EpisodeSaver
@@ -17,17 +19,25 @@ from cmifs_ros.core import Episode
 from cmifs_ros.core.words import counted, listed
 
 from . import diagnostics
+from .selector_input import SelectorInput
+from .selector_output import SelectorOutput
 
 
 class SelectorStorage:
     """Restore the last run from its file, and keep the file up to date.
 
-    An unusable file is renamed, not deleted.
+    An unusable file is renamed, not deleted. Nothing here waits for the disk.
 
     Parameters
     ----------
     node : rclpy.node.Node
     path : str
+    buffer : EpisodeBuffer
+        Holds the episodes.
+    source : SelectorInput
+        Knows the names of their channels and actions.
+    output : SelectorOutput
+        Holds the selection.
 
     Raises
     ------
@@ -36,18 +46,71 @@ class SelectorStorage:
 
     """
 
-    def __init__(self, node: Node, path: str):
+    def __init__(
+        self,
+        node: Node,
+        path: str,
+        buffer: EpisodeBuffer,
+        source: SelectorInput,
+        output: SelectorOutput,
+    ):
         self._node, self._path = node, os.path.abspath(os.path.expanduser(path))
+        self._buffer, self._input, self._output = buffer, source, output
         self._saver: EpisodeSaver | None = EpisodeSaver(self._path)
         self._error = self._logged_error = ''
 
-    def restore(self, max_episodes: int, max_bytes: int) -> Saved | None:
+    def restore(self) -> bool:
+        """Continue the last run; return whether there is anything to continue."""
+        saved = self._read()
+        if saved is None:
+            return False
+        for episode in saved.episodes:
+            self._buffer.append(episode)
+        self._buffer.renewals = max(self._buffer.renewals, saved.renewals)
+        if saved.episodes:  # After they were cleared the first state determines the channels.
+            self._input.restore_names(saved.channel_names, saved.action_names)
+        if saved.selection is not None:
+            age = max(0.0, time.time() - saved.selected_at)
+            self._output.restore(saved.selection, saved.channel_names, age)
+        self.save()
+        return True
+
+    def append(self, episode: Episode) -> None:
+        """Append an episode that the buffer has just taken."""
+        names = self._input.channel_names, self._input.action_names
+        if self._saver is not None and not self._saver.append(
+            episode, *names, self._buffer.renewals
+        ):
+            self.save()
+
+    def save(self) -> None:
+        """Replace the contents of the file."""
+        if self._saver is None:
+            return
+        in_use, channels = self._output.in_use, self._input.channel_names
+        selection, selected_at = None, 0.0
+        if in_use is not None:
+            selection, selected_at = in_use.selection, time.time() - in_use.age
+            # None if the episodes were cleared.
+            channels = in_use.channel_names if channels is None else channels
+        self._saver.save(
+            Saved(
+                channels,
+                self._buffer.snapshot(),
+                selection,
+                selected_at,
+                action_names=self._input.action_names,
+                renewals=self._buffer.renewals,
+            )
+        )
+
+    def _read(self) -> Saved | None:
         """Return what the last run saved, or None if nothing usable."""
         path = self._path
         try:
-            saved = read_episodes(path, max_episodes, max_bytes)
+            saved = read_episodes(path, self._buffer.max_episodes, self._buffer.max_bytes)
         except FileNotFoundError:
-            self.save(Saved(None, ()))  # A disk that is not writable is reported now.
+            self.save()  # A disk that is not writable is reported now.
             return None
         except (OSError, RefusedFileError) as error:
             reason = f'{path}: {error.strerror}' if isinstance(error, OSError) else error
@@ -71,22 +134,6 @@ class SelectorStorage:
                 'being saved when the last run was killed; that episode is lost'
             )
         return saved
-
-    def append(
-        self,
-        episode: Episode,
-        channel_names: tuple[str, ...],
-        action_names: tuple[str, ...],
-        renewals: float,
-    ) -> bool:
-        """Append an episode; return False if the whole file must be saved instead."""
-        names = channel_names, action_names
-        return self._saver is None or self._saver.append(episode, *names, renewals)
-
-    def save(self, saved: Saved) -> None:
-        """Replace the contents of the file. Never blocks."""
-        if self._saver is not None:
-            self._saver.save(saved)
 
     def stop(self) -> None:
         """Wait briefly for the last save."""
