@@ -28,7 +28,7 @@ from tqdm import tqdm
 from cmifs_ros.collect.selection_fields import selection_of
 from cmifs_ros.sim import channel_names
 
-from .demo_report import demo_parser, parsed, print_selection, save_picture
+from .demo_report import demo_parser, print_selection, save_picture
 from .processes import InterruptionError, Processes, executable, stay_apart
 from .program import CommandError
 
@@ -122,7 +122,7 @@ def run(options: argparse.Namespace) -> None:
             '--ros-args',
             *('-p', f'max_episodes:={options.episodes}'),
             *('-p', f'min_episodes:={options.episodes}'),
-            *('-p', f'num_features:={options.num_features}'),
+            *('-p', f'num_features:={options.num_features or 0}'),
             *('-p', 'selection_period:=0.0'),
         )
         processes.start('downstream', sys.executable, '-m', 'cmifs_ros.tools.downstream')
@@ -161,8 +161,8 @@ def run(options: argparse.Namespace) -> None:
         print(f'  before  {shorten(line, _LINE_WIDTH, placeholder=" ...")}')
     for line in lines[-NUM_SHOWN:]:
         print(f'  after   {shorten(line, _LINE_WIDTH, placeholder=" ...")}')
-    save_picture(selection, options.scenario, options.out)
-    print(f'\npicture: {options.out.resolve()}\n\n{NEXT}')
+    picture = save_picture(selection, options.scenario, options.out)
+    print(f'\npicture: {picture}\n\n{NEXT}')
 
 
 def _states(processes: Processes, count: int) -> list[str]:
@@ -182,7 +182,7 @@ def main(arguments: list[str] | None = None) -> int:
     """Run the demo; return the exit code."""
     parser = demo_parser('demo', __doc__.splitlines()[0])
     parser.add_argument('--rate', type=float, default=400.0, help='steps per second (default 400)')
-    options = parsed(parser, arguments)
+    options = parser.parse_args(arguments)
 
     stay_apart()
     try:

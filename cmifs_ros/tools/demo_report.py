@@ -12,7 +12,7 @@ from cmifs_ros.collect.selection_report import headline
 from cmifs_ros.core.selection import Selection
 from cmifs_ros.sim import SCENARIOS, channel_names
 
-from .arguments import file_to_write
+from .arguments import file_to_write, number_from
 from .ranking import draw_ranking, ranking_text
 
 #: The sensors that matter in each world; used only to comment on the result.
@@ -38,28 +38,21 @@ def demo_parser(program: str, description: str) -> argparse.ArgumentParser:
         '%(default)s)',
     )  # fmt: skip
     parser.add_argument(
-        '--episodes', type=int, default=100, help='episodes to collect (default %(default)s)'
-    )
+        '--episodes', type=number_from(2), default=100, metavar='N',
+        help='episodes to collect (default %(default)s)',
+    )  # fmt: skip
     parser.add_argument(
-        '--num-features',
-        type=int,
-        default=0,
+        '--num-features', type=number_from(1), metavar='N',
         help='sensors to select (default: the confirmed ones)',
-    )
-    parser.add_argument('--seed', type=int, default=0, help='seed of the world (default 0)')
+    )  # fmt: skip
     parser.add_argument(
-        '--out', type=file_to_write, help='file of the picture (default demo_SCENARIO.png)'
+        '--seed', type=number_from(0), default=0, metavar='N', help='seed of the world (default 0)'
     )
+    parser.add_argument(
+        '--out', type=file_to_write, metavar='FILE',
+        help='file of the picture (default demo_SCENARIO.png)',
+    )  # fmt: skip
     return parser
-
-
-def parsed(parser: argparse.ArgumentParser, arguments: list[str] | None) -> argparse.Namespace:
-    """Return the parsed and validated options."""
-    options = parser.parse_args(arguments)
-    if options.episodes < 2:
-        parser.error(f'--episodes is {options.episodes}; expected at least 2')
-    options.out = options.out or Path(f'demo_{options.scenario}.png')
-    return options
 
 
 def print_selection(selection: Selection, scenario: str) -> None:
@@ -77,8 +70,9 @@ def print_selection(selection: Selection, scenario: str) -> None:
     print('\n'.join(advice_lines(advice_of(selection))))
 
 
-def save_picture(selection: Selection, scenario: str, path: Path) -> None:
-    """Save the ranking as a picture; sensors that matter in this world are bold."""
+def save_picture(selection: Selection, scenario: str, path: Path | None) -> Path:
+    """Save the ranking as a picture, and return its path; sensors that matter here are bold."""
+    path = path or Path(f'demo_{scenario}.png')
     figure = draw_ranking(selection)
     (axes,) = figure.axes
     for label in axes.get_yticklabels():
@@ -88,3 +82,4 @@ def save_picture(selection: Selection, scenario: str, path: Path) -> None:
     figure.suptitle(f'{scenario}: {selection.episodes} episodes, {selection.seconds:.1f} s')
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=150)
+    return path.resolve()

@@ -11,7 +11,7 @@ import sys
 from cmifs_ros.core.selecting import select
 from cmifs_ros.sim import channel_names, rollout
 
-from .demo_report import demo_parser, parsed, print_selection, save_picture
+from .demo_report import demo_parser, print_selection, save_picture
 from .program import exit_code
 
 NEXT = """\
@@ -24,7 +24,7 @@ next, your own robot, from a bag (docs/robot_file.md) or another recording
 
 def main(arguments: list[str] | None = None, program: str = 'demo') -> int:
     """Run the demo; return the exit code."""
-    options = parsed(demo_parser(program, __doc__), arguments)
+    options = demo_parser(program, __doc__).parse_args(arguments)
     return exit_code(program, lambda: _run(options))
 
 
@@ -33,11 +33,11 @@ def _run(options: argparse.Namespace) -> None:
     print(f'a simulated robot with {len(names)} sensors ({options.scenario}): selecting among them')
     print(f'from {options.episodes} episodes ...', flush=True)
     episodes = rollout(options.scenario, options.episodes, options.seed)
-    settings = {'num_features': options.num_features or None, 'n_jobs': os.cpu_count()}
+    settings = {'num_features': options.num_features, 'n_jobs': os.cpu_count()}
     selection = select(episodes, names, 'conditional_mi', settings)
     print_selection(selection, options.scenario)
-    save_picture(selection, options.scenario, options.out)
-    print(f'\npicture: {options.out.resolve()}\n\n{NEXT}')
+    picture = save_picture(selection, options.scenario, options.out)
+    print(f'\npicture: {picture}\n\n{NEXT}')
 
 
 if __name__ == '__main__':

@@ -79,4 +79,4 @@ def test_interrupting_the_demo_leaves_no_process_behind(demo, tmp_path, number):
 
 def test_bad_arguments_are_one_clear_sentence(demo, tmp_path):
     assert demo('--episodes', '1').wait(20) == 2
-    assert '--episodes is 1; expected at least 2' in (tmp_path / 'output').read_text()
+    assert "got '1'; expected a whole number from 2" in (tmp_path / 'output').read_text()
