@@ -10,19 +10,29 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
-from cmifs_ros.core.channel_names import MAX_CHANNELS, MAX_NAME_LENGTH
+from cmifs_ros.core.channel_names import MAX_CHANNELS
 from cmifs_ros.core.effect import Effect
 from cmifs_ros.core.selection import Selection, SensorResult
 from cmifs_ros.core.statuses import STATUSES
 from cmifs_ros.core.targets import TARGETS
 
 from .advice import advice_fields, advice_of
+from .json_values import (
+    count_of,
+    flag_of,
+    list_of,
+    name_of,
+    names_of,
+    number_or_none,
+    one_of,
+    text_of,
+)
 from .sensor_topics import SensorTopics
 
 #: Version of the fields; it changes when an old reader would misread them.
 VERSION = 2
-#: Longest `why` or warning, in characters; most warnings.
-_MAX_TEXT, _MAX_WARNINGS = 1000, 100
+#: Most warnings.
+_MAX_WARNINGS = 100
 
 
 def fields_of(selection: Selection, topics: SensorTopics | None = None) -> dict[str, Any]:
@@ -86,14 +96,14 @@ def selection_of(fields: dict[str, Any]) -> Selection:
         spreads=tuple(float(spread) for spread in list_of(fields.get('spreads', []))),
         outdated=count_of(fields['outdated']),
         number=count_of(fields['number']),
-        target=_one_of(TARGETS, fields['target'], 'target'),
-        gamma=_number_or_none(fields.get('gamma')),  # Absent in old files.
-        predicted_share=_number_or_none(fields['predicted_share']),
-        predicted_share_of_all=_number_or_none(fields['predicted_share_of_all']),
+        target=one_of(TARGETS, fields['target'], 'target'),
+        gamma=number_or_none(fields.get('gamma')),  # Absent in old files.
+        predicted_share=number_or_none(fields['predicted_share']),
+        predicted_share_of_all=number_or_none(fields['predicted_share_of_all']),
         # Absent in old files.
-        predicted_share_of_none=_number_or_none(fields.get('predicted_share_of_none')),
-        margin=_number_or_none(fields['margin']),
-        level=_number_or_none(fields.get('level')),  # Absent in old files.
+        predicted_share_of_none=number_or_none(fields.get('predicted_share_of_none')),
+        margin=number_or_none(fields['margin']),
+        level=number_or_none(fields.get('level')),  # Absent in old files.
         warnings=tuple(text_of(text) for text in list_of(fields['warnings'])),
         losses=text_of(fields.get('losses', '')),  # Absent in old files, as is doubt.
         doubt=text_of(fields.get('doubt', '')),
@@ -118,42 +128,26 @@ def selection_of(fields: dict[str, Any]) -> Selection:
 def _sensor_of(fields: dict[str, Any]) -> SensorResult:
     status, band, effect = fields['status'], fields['null_band'], fields['effect']
     if status is not None:
-        _one_of(STATUSES, status, 'status')
+        one_of(STATUSES, status, 'status')
     if (status is None) != (fields['pvalue'] is None):
         raise ValueError(f'status {status!r} with pvalue {fields["pvalue"]!r}; expected both')
-    (name,) = names_of([fields['name']], 1)
     return SensorResult(
-        name=name,
+        name=name_of(fields['name']),
         channels=names_of(fields['channels'], MAX_CHANNELS),
-        is_selected=_flag(fields['is_selected']),
+        is_selected=flag_of(fields['is_selected']),
         score=float(fields['score']),
-        is_constant=_flag(fields['is_constant']),
+        is_constant=flag_of(fields['is_constant']),
         null_band=None if band is None else _three(band),
-        pvalue=_number_or_none(fields['pvalue']),
+        pvalue=number_or_none(fields['pvalue']),
         status=status,
         supporting_channels=names_of(fields['supporting_channels'], MAX_CHANNELS),
         redundant_with=names_of(fields['redundant_with'], MAX_CHANNELS),
-        stability=_number_or_none(fields['stability']),
+        stability=number_or_none(fields['stability']),
         effect=None if effect is None else _effect_of(effect),
         why=text_of(fields['why']),
-        together_with=names_of(fields.get('together_with', []), MAX_CHANNELS),  # As level.
+        # Absent in old files.
+        together_with=names_of(fields.get('together_with', []), MAX_CHANNELS),
     )
-
-
-def _flag(value) -> bool:
-    if not isinstance(value, bool):
-        raise TypeError(f'{value!r} instead of true or false')
-    return value
-
-
-def _number_or_none(value) -> float | None:
-    return None if value is None else float(value)
-
-
-def _one_of(expected: tuple[str, ...], value, what: str) -> str:
-    if value not in expected:
-        raise ValueError(f'{what} {value!r:.40}; expected one of {", ".join(expected)}')
-    return value
 
 
 def _effect_of(fields: dict[str, Any]) -> Effect:
@@ -164,39 +158,6 @@ def _effect_of(fields: dict[str, Any]) -> Effect:
     return effect
 
 
-def text_of(value) -> str:
-    """Return a value that must be a text of limited length; otherwise raise ValueError."""
-    if not isinstance(value, str) or len(value) > _MAX_TEXT:
-        raise ValueError(f'{value!r:.40} instead of a text of at most {_MAX_TEXT} characters')
-    value.encode()  # UnicodeEncodeError, a ValueError: messages and logs have no surrogates.
-    return value
-
-
 def _three(value) -> tuple[float, float, float]:
     low, middle, high = map(float, list_of(value))
     return low, middle, high
-
-
-def list_of(value) -> list:
-    """Return a value that must be a list; otherwise raise TypeError."""
-    if not isinstance(value, list):
-        raise TypeError(f'{type(value).__name__} instead of a list')
-    return value
-
-
-def count_of(value, least: int = 0) -> int:
-    """Return a value that must be an integer of at least `least`; otherwise raise ValueError."""
-    if type(value) is not int or value < least:
-        raise ValueError(f'{value!r} instead of an integer of at least {least}')
-    return value
-
-
-def names_of(value, most: int) -> tuple[str, ...]:
-    """Return a value that must be a list of distinct names; otherwise raise ValueError."""
-    names = tuple(list_of(value))
-    if not all(isinstance(name, str) and 0 < len(name) <= MAX_NAME_LENGTH for name in names):
-        raise ValueError(f'a name that is not a text of 1 to {MAX_NAME_LENGTH} characters')
-    ''.join(names).encode()  # As in `text_of`.
-    if len(names) > most or len(set(names)) < len(names):
-        raise ValueError(f'{len(names)} names; expected at most {most}, all distinct')
-    return names

@@ -8,8 +8,9 @@ import math
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-from cmifs_ros.core.channel_names import MAX_CHANNELS, MAX_NAME_LENGTH
+from cmifs_ros.core.channel_names import MAX_CHANNELS
 
+from .json_values import name_of
 from .traffic import Rate
 
 
@@ -58,23 +59,16 @@ def sensor_topics_of(fields: dict[str, Any]) -> SensorTopics:
         If a field is missing or invalid.
 
     """
-    topics = {_name(channel): _name(topic) for channel, topic in fields['channels'].items()}
+    topics = {name_of(channel): name_of(topic) for channel, topic in fields['channels'].items()}
     rates = {
-        _name(topic): Rate(_rate(rate['messages_per_s']), _rate(rate['bytes_per_s']))
+        name_of(topic): Rate(_rate(rate['messages_per_s']), _rate(rate['bytes_per_s']))
         for topic, rate in fields['rates'].items()
     }
-    needed = tuple(_name(topic) for topic in fields['needed'])
+    needed = tuple(name_of(topic) for topic in fields['needed'])
     count = max(len(topics), len(rates), len(needed))
     if count > MAX_CHANNELS:
         raise ValueError(f'{count} channels or topics; expected at most {MAX_CHANNELS}')
     return SensorTopics(topics, rates, needed)
-
-
-def _name(value) -> str:
-    if not isinstance(value, str) or not 0 < len(value) <= MAX_NAME_LENGTH:
-        raise ValueError(f'{value!r:.40} instead of a name of 1 to {MAX_NAME_LENGTH} characters')
-    value.encode()  # UnicodeEncodeError, a ValueError: messages and logs have no surrogates.
-    return value
 
 
 def _short(number: float) -> float:

@@ -9,7 +9,7 @@ import json
 from rclpy.node import Node
 from std_msgs.msg import String
 
-from cmifs_ros.collect.selection_fields import text_of
+from cmifs_ros.collect.json_values import text_of
 from cmifs_ros.collect.sensor_topics import SensorTopics, sensor_topics_of
 from cmifs_ros.core.selection import Selection
 

@@ -15,11 +15,11 @@ from rclpy.node import Node
 from std_msgs.msg import String
 
 from cmifs_ros.collect.episodes.filter import layout_of
+from cmifs_ros.collect.json_values import count_of, names_of
 from cmifs_ros.collect.robot_file.model import RobotFile
 from cmifs_ros.collect.sampling.message_reader import event_time
 from cmifs_ros.collect.sampling.moments import SECOND
 from cmifs_ros.collect.sampling.newest_values import NewestValues
-from cmifs_ros.collect.selection_fields import count_of, names_of
 from cmifs_ros.core.channel_names import MAX_CHANNELS
 from cmifs_ros.core.words import first, listed
 
@@ -206,7 +206,7 @@ class SelectedState:
             number, names = count_of(found['number']), names_of(found['names'], MAX_CHANNELS)
             unknown = [name for name in names if name not in self._robot.channel_names]
         except (ValueError, TypeError, KeyError, RecursionError) as error:
-            self._node.get_logger().warning(f'cannot read a selection: {error}')
+            self._node.get_logger().warning(f'a selection cannot be read: {error!r}')
             return
         if unknown:
             self._node.get_logger().warning(

@@ -22,7 +22,7 @@ from cmifs_ros.collect.episodes.builder import RewardSample
 from cmifs_ros.collect.episodes.input_watch import InputWatch, Topic
 from cmifs_ros.collect.episodes.pairing import EpisodeAssembler
 from cmifs_ros.collect.episodes.reward_reader import RewardReader
-from cmifs_ros.collect.selection_fields import names_of
+from cmifs_ros.collect.json_values import names_of
 from cmifs_ros.core import Episode
 from cmifs_ros.core.channel_names import MAX_CHANNELS
 from cmifs_ros.core.words import counted
@@ -206,7 +206,7 @@ class SelectorInput:
         try:
             self._switched_off = names_of(json.loads(msg.data), MAX_CHANNELS)
         except (ValueError, TypeError, RecursionError) as error:
-            self._node.get_logger().warning(f'switched_off cannot be read: {error}')
+            self._node.get_logger().warning(f'switched_off cannot be read: {error!r}')
 
     def _log_count(self, now: float) -> None:
         count, needed = len(self._buffer), self._settings['min_episodes']

@@ -73,7 +73,9 @@ class TopicSaving:
         try:
             self._saving.select(selection_of(json.loads(message.data)))
         except (ValueError, TypeError, KeyError, RecursionError, OverflowError) as error:
-            self._node.get_logger().warning(f'a selection switches no topic off: {error}')
+            self._node.get_logger().warning(
+                f'a selection cannot be read, so it switches no topic off: {error!r}'
+            )
 
     def _on_explore(self, request, response):
         self._saving.explore('~/explore was called')

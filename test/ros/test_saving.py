@@ -78,7 +78,7 @@ def test_what_is_dispensable_is_unsubscribed_and_comes_back(start, robot, tmp_pa
     status, select, off = around.status, around.select, around.off
     robot.until(lambda: 'selector: input' in robot.diagnostics)
     around.say('no selection')
-    robot.until(lambda: 'a selection switches no topic off' in sampler.output)
+    robot.until(lambda: 'so it switches no topic off' in sampler.output)
     select(1)
     robot.until(lambda: status('saving')[1].endswith('same selection 1 of 2 times'))
     robot.until(lambda: robot.value('episodes') >= 2)

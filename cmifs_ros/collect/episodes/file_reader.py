@@ -15,7 +15,8 @@ from typing import BinaryIO, NamedTuple
 import numpy as np
 
 from cmifs_ros.collect import selection_fields
-from cmifs_ros.collect.selection_fields import count_of, list_of, names_of, selection_of
+from cmifs_ros.collect.json_values import count_of, list_of, names_of
+from cmifs_ros.collect.selection_fields import selection_of
 from cmifs_ros.core import Episode
 from cmifs_ros.core.channel_names import MAX_CHANNELS
 from cmifs_ros.core.words import counted
