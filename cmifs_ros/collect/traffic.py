@@ -9,6 +9,8 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
+from cmifs_ros.core.words import counted
+
 
 class Rate(NamedTuple):
     """Messages and bytes per second."""
@@ -99,7 +101,7 @@ class TrafficMeter:
 
 def rate_in_words(rate: Rate) -> str:
     """Return messages and bytes per second as text."""
-    return f'{rate.messages:.3g} messages/s, {size_in_words(rate.bytes)}/s'
+    return f'{counted(f"{rate.messages:.3g}", "message")}/s, {size_in_words(rate.bytes)}/s'
 
 
 def size_in_words(number: float) -> str:

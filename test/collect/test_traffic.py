@@ -4,7 +4,7 @@
 
 import pytest
 
-from cmifs_ros.collect.traffic import TrafficMeter, rate_in_words
+from cmifs_ros.collect.traffic import Rate, TrafficMeter, rate_in_words
 
 
 def test_what_a_topic_would_have_carried_while_it_was_off_is_saved():
@@ -21,6 +21,7 @@ def test_what_a_topic_would_have_carried_while_it_was_off_is_saved():
     assert meter.saved == {'/imu': (300.0, 90_000.0)}
     assert meter.rate('/imu') == (20.0, 6000.0)  # The mean of the time when it was on.
     assert rate_in_words(meter.rate('/imu')) == '20 messages/s, 6 kB/s'
+    assert rate_in_words(Rate(1.0, 80.0)) == '1 message/s, 80 B/s'
 
 
 def test_of_a_topic_that_never_spoke_nothing_is_saved():
