@@ -10,16 +10,16 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from cmifs_ros.collect.episodes.drops import explained
-from cmifs_ros.collect.episodes.pairing import EpisodeAssembler
-from cmifs_ros.collect.episodes.reward_reader import RewardReader
-from cmifs_ros.collect.recorded_episodes import RecordedEpisodes, RecordingError
-from cmifs_ros.collect.robot_file import RobotFile
-from cmifs_ros.collect.robot_file.model import CHANNEL
-from cmifs_ros.collect.robot_file.path_check import problems_of_paths
-from cmifs_ros.collect.sampled_episodes import MAX_EPISODE_STEPS, Collector, SampledEpisodes
-from cmifs_ros.collect.sampling.bag_frames import IMAGES, frames_of_bag
-from cmifs_ros.collect.sampling.bag_reader import (
+from .episodes.drops import explained
+from .episodes.pairing import EpisodeAssembler
+from .episodes.reward_reader import RewardReader
+from .recorded_episodes import Camera, RecordedEpisodes, RecordingError
+from .robot_file import RobotFile
+from .robot_file.model import CHANNEL
+from .robot_file.path_check import problems_of_paths
+from .sampled_episodes import MAX_EPISODE_STEPS, Collector, SampledEpisodes
+from .sampling.bag_frames import IMAGES, frames_of_bag
+from .sampling.bag_reader import (
     BagError,
     OpenBag,
     Undecoded,
@@ -27,10 +27,10 @@ from cmifs_ros.collect.sampling.bag_reader import (
     open_bag,
     unwatched,
 )
-from cmifs_ros.collect.sampling.message_reader import event_time
-from cmifs_ros.collect.sampling.moments import SECOND
-from cmifs_ros.collect.simulated_time import CLOCK, CLOCK_TYPE, SimulatedTime
-from cmifs_ros.collect.traffic import Traffic
+from .sampling.message_reader import event_time
+from .sampling.moments import SECOND
+from .simulated_time import CLOCK, CLOCK_TYPE, SimulatedTime
+from .traffic import Traffic
 
 JOINT_STATE = 'sensor_msgs/msg/JointState'
 
@@ -101,13 +101,26 @@ def episodes_of_bag(
             is_simulated=has_clock,
         )
     found = collector.recorded(count, traffic, reader.unreadable)
-    cameras = {
-        source.name: partial(frames_of_bag, path, open_bag, topic, found.stamps)
-        for source in (robot.sources if robot is not None else ())
-        if source.role == CHANNEL and source.encoder is not None and not source.path.fields
-        and not kinds[topic := found.topics[source.path.topic]].isdisjoint(IMAGES)
-    }  # fmt: skip
-    return replace(found, cameras=cameras)
+    if robot is None:
+        return found
+    return replace(found, cameras=_cameras(robot, found, kinds, path, open_bag))
+
+
+def _cameras(
+    robot: RobotFile,
+    found: RecordedEpisodes,
+    kinds: Mapping[str, Collection[str]],
+    path: str | Path,
+    open_bag: OpenBag,
+) -> dict[str, Camera]:
+    """Return the cameras, by sensor: channels that are whole messages with a picture."""
+    cameras: dict[str, Camera] = {}
+    for source in robot.sources:
+        topic = found.topics[source.path.topic]
+        is_whole = source.encoder is not None and not source.path.fields
+        if source.role == CHANNEL and is_whole and set(IMAGES).intersection(kinds[topic]):
+            cameras[source.name] = partial(frames_of_bag, path, open_bag, topic, found.stamps)
+    return cameras
 
 
 class _StatesAndRewards(Collector):

@@ -12,11 +12,12 @@ from pathlib import Path
 
 import numpy as np
 
-from cmifs_ros.collect.episodes.same_actions import which_alike
-from cmifs_ros.collect.outline import Outline, Trace
-from cmifs_ros.collect.recorded_episodes import RecordedEpisodes, RecordingError
 from cmifs_ros.core import Episode
 from cmifs_ros.core.words import counted
+
+from .episodes.same_actions import which_alike
+from .outline import Outline, Trace
+from .recorded_episodes import RecordedEpisodes, RecordingError
 
 #: Two recordings are of the same run if at least this share of their simultaneous steps has equal
 #: values. Not all have: two recorders may receive messages without a stamp in different order.

@@ -99,7 +99,7 @@ def write_report(
         Those of the selection. Without them there are no correlations and no returns.
     names : sequence of str, optional
         Names of their channels.
-    dropped : mapping of str to int, optional
+    dropped : mapping of str to int or str, optional
         Numbers of dropped messages, steps or episodes by cause.
     advice : Advice, optional
         Advice by topic; by default, by sensor.
@@ -220,10 +220,6 @@ def _ranking_table(selection: Selection) -> str:
     return f'<table>{"".join(rows)}</table>{more}'
 
 
-def _number(value) -> str:
-    return f'<td class="number">{value}</td>'
-
-
 def _data(selection: Selection, episodes: ThinnedEpisodes, names: Sequence[str]) -> str:
     """Return the parts about the episodes themselves."""
     return (
@@ -272,7 +268,7 @@ def _draw_returns(returns: np.ndarray):
 
 def _dropped_table(dropped: Mapping[str, int | str]) -> str:
     rows = [
-        f'<tr><td>{escape(cause)}</td>{_number(count)}</tr>'
+        f'<tr><td>{escape(cause)}</td><td class="number">{count}</td></tr>'
         for cause, count in dropped.items()
         if count
     ]

@@ -24,7 +24,7 @@ from cmifs_ros.core.statuses import CONFIRMED, DISPENSABLE, UNDECIDED
 from cmifs_ros.core.targets import DECISION
 from cmifs_ros.core.words import listed
 
-#: Numbers of ranked sensors and of unselected channels that a picture can show legibly.
+#: Most sensors or channels that a picture shows legibly.
 MAX_SHOWN = 40
 STATUS_COLORS = {CONFIRMED: '#1a7f37', UNDECIDED: '#9a6700', DISPENSABLE: '#6e7781'}
 PLAIN_COLOR = '#0969da'
