@@ -46,9 +46,8 @@ def contribution(
     others = [s for s in selection.sensors if s.is_selected and s is not candidate]
     with one_blas_thread():
         test = TargetTest(
-            samples, selection.target, channel_names, action_names, gamma,
-            ordered=ordered,
-        )  # fmt: skip
+            samples, selection.target, channel_names, action_names, gamma, ordered=ordered
+        )
         return test.added(
             [places[name] for name in candidate.channels if varying[places[name]]],
             [places[name] for other in others for name in other.supporting_channels],

@@ -139,9 +139,9 @@ def problems_of_held_actions(
 def _beyond_previous(
     predicted_shares: Shares, num_channels: int, num_actions: int
 ) -> tuple[dict[str, float], Shares]:
-    """Return the share of each action that the previous one predicts, and a function.
+    """Return the share of each action that the previous action predicts, and a function.
 
-    It returns which share of the rest channels predict.
+    The function returns the share of the rest that channels predict.
     """
     previous = list(range(num_channels, num_channels + num_actions))
     known = predicted_shares(previous)
@@ -163,9 +163,9 @@ def _best_shares(shares: Shares, num_channels: int) -> dict[str, float]:
 
 
 def _best_share(predicted_shares: Shares, action: str, alone: Sequence[float]) -> float:
-    """Return the share that few channels predict, of those that predict most alone.
+    """Return the share that a few channels predict together.
 
-    Each is the best given the previous ones.
+    They are chosen from those that predict most alone, each as the best given the previous ones.
     """
     compared = sorted(range(len(alone)), key=lambda c: -alone[c])[:_MAX_COMPARED]
     chosen, best = compared[:1], alone[compared[0]]
@@ -200,8 +200,8 @@ def _problems_of_rewards(episodes: ThinnedEpisodes) -> list[str]:
 def _problems_of_overlap(episodes: ThinnedEpisodes) -> list[str]:
     """Return a warning about runs of steps in two episodes; needs a continuous channel.
 
-    Episodes may begin alike, as those of a simulation that is reset: runs at the same step count
-    only where they make up most of an episode.
+    Episodes may begin alike, as in a simulation that is reset. So a run that is at the same step in
+    both counts only if such runs make up most of an episode.
     """
     states = episodes.samples.states
     if max(len(np.unique(column)) for column in states.T) < len(states) / 4:
@@ -248,7 +248,7 @@ def _problems_of_sources(episodes: ThinnedEpisodes, names: Sequence[str]) -> lis
 def _difference_between(
     what: str, groups: npt.ArrayLike, episodes: ThinnedEpisodes, names: Sequence[str]
 ) -> str:
-    """Return in words how the return and some channels differ between groups; empty if not both."""
+    """Return how the return and some channels differ between groups; empty unless both do."""
     _, group = np.unique(groups, return_inverse=True)
     num_groups, count = group.max() + 1, len(episodes)
     if not 1 < num_groups < count:

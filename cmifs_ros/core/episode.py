@@ -106,10 +106,10 @@ def as_episodes(data: Iterable[Episode] | tuple[np.ndarray, ...]) -> list[Episod
     Parameters
     ----------
     data : iterable of Episode, or arrays of shapes (M, N, v), (M, N) and, optionally, (M, N, a)
-        States, rewards and actions of M episodes of N steps. NaN and masked states
-        are gaps. A gap is filled with the previous value in its episode, or the next one, or the
-        channel's median. Infinite values mean out of range (REP 117); they become
-        the channel's greatest or least finite value.
+        States, rewards and actions of M episodes of N steps. NaN and masked states are gaps. A gap
+        is filled with the previous value in its episode, or the next one, or the channel's median.
+        Infinite values mean out of range (REP 117); they become the channel's greatest or least
+        finite value.
 
     Raises
     ------

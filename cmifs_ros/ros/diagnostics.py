@@ -17,7 +17,7 @@ ERROR, STALE = DiagnosticStatus.ERROR, DiagnosticStatus.STALE
 
 
 def name_of(node: Node) -> str:
-    """Return the name of a node that begins the names of its statuses."""
+    """Return the name of a node, with which the names of its statuses begin."""
     return node.get_fully_qualified_name().lstrip('/')
 
 

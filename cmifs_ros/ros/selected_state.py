@@ -30,11 +30,11 @@ from .selected_state_publisher import SelectedStatePublisher
 
 #: Seconds before the log repeats that an intermittent sensor is missing.
 _REPEATED_AFTER = 10.0
-#: Seconds for which a new selection waits at most for channels of which no message is valid.
+#: Longest time in seconds that a new selection waits for channels without a valid message.
 _MAX_DELAY = 1.0
-#: Seconds, at least, without a message of the step's topic while others go on, until it is silent.
+#: The step's topic counts as silent if others go on for more than this many seconds without it,
 _STEP_SILENCE = 1.0
-#: The step's topic is not silent while it pauses no more than twice as long as in this many pauses.
+#: and for more than twice the longest of its last pauses, of which this many are kept.
 _NUM_PAUSES = 20
 PARAMETERS = (
     *selected_state_publisher.PARAMETERS,
@@ -136,7 +136,7 @@ class SelectedState:
         return (self._simulated or 0) if self._is_simulated else time.monotonic_ns()
 
     def _watch_step(self, topic: str) -> None:
-        """Log that the step's topic, which has to be heard for each message, is silent."""
+        """Log that the step's topic is silent, or heard again, as a message of any topic shows."""
         step, now = self._robot.step_topic, time.monotonic()
         # If the node lags, messages of other topics may be taken first.
         self._pause += min(now - self._heard_at, _STEP_SILENCE / 2)

@@ -280,12 +280,12 @@ class SelectorInput:
 
     def _announce(self, sample: RewardSample) -> None:
         if not sample.marks_ends:
-            tells = [f'`{f}` changes' for f in ('episode',) if sample.episode is not None]
-            tells += ['`step` is 0 again'] if sample.step is not None else []
-            ends = f'where {" or ".join(tells)}, or' if tells else 'only'
+            ends = ['when `episode` changes'] if sample.episode is not None else []
+            ends += ['when `step` is 0 again'] if sample.step is not None else []
+            ends += [f'at max_episode_steps={self._settings["max_episode_steps"]}']
             self._node.get_logger().info(
                 'the reward messages have neither `terminated` nor `truncated`: an episode is '
-                f'closed {ends} at max_episode_steps={self._settings["max_episode_steps"]}'
+                f'closed {" or ".join(ends)}'
             )
         if sample.step is None:
             self._node.get_logger().info(

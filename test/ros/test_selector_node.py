@@ -331,7 +331,7 @@ def test_rewards_alone_are_enough_and_what_they_lack_is_said_once(start, robot):
         robot.publish_state(number + 1, NAMES, [number, 0.0, 0.0])
         robot.publish_fields(number + 1, reward=1.0)
     robot.wait_for_episodes(2)
-    assert node.output.count('an episode is closed only at max_episode_steps=4') == 1
+    assert node.output.count('an episode is closed at max_episode_steps=4') == 1
     assert node.output.count('have no `step`') == 1
 
 

@@ -8,7 +8,8 @@ from __future__ import annotations
 CAUSES = {
     'unusable_state': 'a state of another message type, or whose fields do not match its names',
     'malformed_reward': 'a reward message without a finite `reward`, or of another message type',
-    'malformed_action': 'an action without names, with values that are not as many or not finite',
+    'malformed_action': 'an action without names, with more or fewer values than names, or with a '
+    'value that is not finite',
     'wrong_actions': 'an action with other names than the first',
     'wrong_length': 'a state with more or fewer values than names, or with none',
     'wrong_channels': 'a state with other channels than the first state that had a reward',

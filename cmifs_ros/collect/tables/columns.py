@@ -46,7 +46,7 @@ class Columns:
         is_list = types.is_list(kind) or types.is_large_list(kind) or types.is_fixed_size_list(kind)
         of = kind.value_type if is_list else kind
         if not (types.is_integer(of) or types.is_floating(of) or types.is_boolean(of)):
-            self.unreadable[name] = f'it has no numbers, but {of}'
+            self.unreadable[name] = f'it holds {of}, not numbers'
             return None
         values = column.combine_chunks()
         if isinstance(values, pa.ChunkedArray):  # It has no chunks.

@@ -4,8 +4,7 @@
 
 `observation.*` are the states, `action` or `action.*` the actions; `next.reward` is the reward. If
 it is missing, the last step has the success of the episode as its reward. `episode_index` separates
-the episodes, or `next.done` marks their ends. The videos and images of a folder
-are cameras.
+the episodes, or `next.done` marks their ends. The videos and images of a folder are cameras.
 """
 
 from __future__ import annotations

@@ -154,7 +154,7 @@ def test_csv_has_a_column_for_each_number(tmp_path):
     np.testing.assert_array_equal(states.astype(np.float32), columns['observation.state'])
     actions = np.concatenate([episode.actions for episode in found.episodes])
     np.testing.assert_array_equal(actions[:, 1], np.arange(14) % 2)
-    assert found.unreadable == {'observation.mode': 'it has no numbers, but string'}
+    assert found.unreadable == {'observation.mode': 'it holds string, not numbers'}
 
 
 def test_a_frame_of_pandas():
