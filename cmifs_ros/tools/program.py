@@ -138,7 +138,7 @@ def exit_code(program: str, run: Callable[[], None], what_then: str = 'nothing i
         if not signals:
             print(f'{program}: a worker process died; {what_then}', file=sys.stderr)
             return 1
-        print(f'\n{program}: interrupted; {what_then}')
+        print(f'\n{program}: interrupted; {what_then}', file=sys.stderr)
         return 128 + signals[0]
     return 0
 

@@ -154,8 +154,8 @@ def test_ctrl_c_ends_it_with_a_sentence_and_leaves_no_process():
         output, errors = process.communicate(timeout=20)
     finally:
         process.kill()
-    assert (process.returncode, errors) == (130, '')
-    assert output == '\nbenchmark: interrupted; nothing is kept\n'
+    assert (process.returncode, output) == (130, '')
+    assert errors == '\nbenchmark: interrupted; nothing is kept\n'
     while any(map(is_running, measuring)):
         assert time.monotonic() < deadline
         time.sleep(0.05)
