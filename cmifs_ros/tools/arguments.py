@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import argparse
 import os
-from collections.abc import Callable, Collection
+from collections.abc import Callable
 from pathlib import Path
 
 
@@ -19,23 +19,6 @@ def number_from(least: int) -> Callable[[str], int]:
         return int(text)
 
     return number
-
-
-def numbers_from(least: int) -> Callable[[str], list[int]]:
-    """Return a parser of whole numbers separated by commas; sorted, without repetitions."""
-
-    def numbers(text: str) -> list[int]:
-        try:
-            found = sorted({int(part) for part in text.split(',')})
-        except ValueError:
-            found = []
-        if not found or found[0] < least:
-            raise argparse.ArgumentTypeError(
-                f'got {text!r}; expected whole numbers from {least} as in 20,40,100'
-            )
-        return found
-
-    return numbers
 
 
 def between(low: float, high: float) -> Callable[[str], float]:
@@ -53,20 +36,6 @@ def between(low: float, high: float) -> Callable[[str], float]:
         return value
 
     return number
-
-
-def names_among(choices: Collection[str]) -> Callable[[str], list[str]]:
-    """Return a parser of names separated by commas; in the order of the choices."""
-
-    def names(text: str) -> list[str]:
-        found = text.split(',')
-        if not set(found) <= set(choices):
-            raise argparse.ArgumentTypeError(
-                f'got {text!r}; expected some of {", ".join(choices)}, separated by commas'
-            )
-        return [name for name in choices if name in found]
-
-    return names
 
 
 def column_names(text: str) -> tuple[str, ...]:

@@ -24,11 +24,11 @@ from tqdm import tqdm
 
 from cmifs_ros.sim import SCENARIOS
 from cmifs_ros.sim.grid_world import MAX_EPISODE_STEPS, NUM_CHANNELS
-from cmifs_ros.tools.arguments import number_from, numbers_from
+from cmifs_ros.tools.arguments import number_from
 from cmifs_ros.tools.program import exit_code
 from studies.methods.registry import METHODS, what_is_missing
 from studies.tasks.registry import TASKS
-from studies.trials.arguments import add_names, study_parser
+from studies.trials.arguments import add_names, numbers_from, study_parser
 from studies.trials.statistics import mean_and_error, rank_sum
 from studies.trials.tables import markdown_table
 

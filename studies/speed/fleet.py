@@ -21,8 +21,9 @@ from typing import NamedTuple
 import joblib
 from tqdm import tqdm
 
-from cmifs_ros.tools.arguments import home_path, number_from, numbers_from
+from cmifs_ros.tools.arguments import home_path, number_from
 from cmifs_ros.tools.program import CommandError, exit_code
+from studies.trials.arguments import numbers_from
 from studies.trials.tables import markdown_table, table_row
 
 from .benchmark import machine

@@ -21,10 +21,10 @@ from tqdm import tqdm
 
 from cmifs_ros.sim import SCENARIOS
 from cmifs_ros.sim.grid_world import MAX_EPISODE_STEPS, NUM_CHANNELS
-from cmifs_ros.tools.arguments import folder_to_write, names_among, number_from, numbers_from
+from cmifs_ros.tools.arguments import folder_to_write, number_from
 from cmifs_ros.tools.program import exit_code
 from studies.methods.registry import METHODS
-from studies.trials.arguments import study_parser
+from studies.trials.arguments import names_among, numbers_from, study_parser
 from studies.trials.tables import markdown_table
 
 from .benchmark import machine

@@ -5,9 +5,40 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 
-from cmifs_ros.tools.arguments import file_to_write, names_among, number_from, numbers_from
+from cmifs_ros.tools.arguments import file_to_write, number_from
+
+
+def numbers_from(least: int) -> Callable[[str], list[int]]:
+    """Return a parser of whole numbers separated by commas; sorted, without repetitions."""
+
+    def numbers(text: str) -> list[int]:
+        try:
+            found = sorted({int(part) for part in text.split(',')})
+        except ValueError:
+            found = []
+        if not found or found[0] < least:
+            raise argparse.ArgumentTypeError(
+                f'got {text!r}; expected whole numbers from {least} as in 20,40,100'
+            )
+        return found
+
+    return numbers
+
+
+def names_among(choices: Collection[str]) -> Callable[[str], list[str]]:
+    """Return a parser of names separated by commas; in the order of the choices."""
+
+    def names(text: str) -> list[str]:
+        found = text.split(',')
+        if not set(found) <= set(choices):
+            raise argparse.ArgumentTypeError(
+                f'got {text!r}; expected some of {", ".join(choices)}, separated by commas'
+            )
+        return [name for name in choices if name in found]
+
+    return names
 
 
 def study_parser(
