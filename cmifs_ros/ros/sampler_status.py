@@ -149,8 +149,8 @@ class SamplerStatus:
     def _topic(self, topic: str, now: dict, past: dict, seconds: float, problem: str):
         if is_off := topic in self._sampler.saving.off:
             self._off_at[topic] = now['time']
-        spoke = self._heard_at.get(topic, -math.inf)
-        age = now['time'] - max(spoke, self._off_at.get(topic, -math.inf))
+        heard_at = self._heard_at.get(topic, -math.inf)
+        age = now['time'] - max(heard_at, self._off_at.get(topic, -math.inf))
         is_silent = age > max(_SILENCE, self._max_ages[topic])
         fresh = {key: now[key][topic] - past[key][topic] for key in ('late', 'wrong')}
         level, message = diagnostics.OK, 'received'

@@ -218,7 +218,7 @@ class SelectedState:
             self._take_over()
 
     def _take_over(self) -> None:
-        """Use the newest selection, once topics that were switched off have spoken again."""
+        """Use the newest selection, once topics that were switched off are heard again."""
         if self._next is None:
             return
         number, selected, due = self._next

@@ -12,7 +12,7 @@ reacher_at_low_cost
 inverted_pendulum
     It is pushed at random, and the reward of each step is 1 until the pole leans too much. The
     joint states hide its angle and angular velocity; the camera shows the former. The same forces
-    push the cart, so its state tells something about the pole.
+    push the cart, so its state is informative about the pole.
 """
 
 from __future__ import annotations

@@ -74,18 +74,18 @@ class MissingValues:
         self._received, self._late = received, late
         self.counts: Counter[tuple[str, str]] = Counter()
         # By topic: count, first and last time, and how many were late by then.
-        self._spoken: dict[str, tuple[int, int, int, int]] = {}
+        self._heard: dict[str, tuple[int, int, int, int]] = {}
         self._useful: set[str] = set()
 
     def heard(self, topic: str, stamp: int, names: Iterable[str]) -> None:
         """Note the time of a message and the sources for which it has a value."""
-        count, first, _, _ = self._spoken.get(topic, (0, stamp, stamp, 0))
-        self._spoken[topic] = (count + 1, first, stamp, self._late[topic])
+        count, first, _, _ = self._heard.get(topic, (0, stamp, stamp, 0))
+        self._heard[topic] = (count + 1, first, stamp, self._late[topic])
         self._useful.update(names)
 
     def forget_times(self) -> None:
         """Forget the times of messages, because the clock was set."""
-        self._spoken.clear()
+        self._heard.clear()
 
     def in_words(self, counts: Mapping[tuple[str, str], int]) -> Counter[str]:
         """Return how many steps lacked something, by a message of what and why.
@@ -150,7 +150,7 @@ class MissingValues:
         if why not in (NEVER, SILENT):
             return why
         source = self._sources[name]
-        count, first, newest, late = self._spoken.get(source.path.topic, (0, 0, 0, 0))
+        count, first, newest, late = self._heard.get(source.path.topic, (0, 0, 0, 0))
         if why == NEVER and name in self._useful:
             return NOT_YET
         if self._late[source.path.topic] > late:
