@@ -164,7 +164,7 @@ def test_a_table_without_a_reward_says_so():
     [
         (Roles('lot'), 'no column lot; expected'),
         (Roles('batch', reward='scor'), r"no column scor \(did you mean 'score'\?\)"),
-        (Roles('batch', reward='operator'), 'operator: it has no numbers'),
+        (Roles('batch', reward='operator'), 'operator: it holds string, not numbers'),
         (Roles('batch', ignore=('t', 'temperature', 'humidity', 'heater', 'fan', 'score', 'over',
                                 'stopped')), 'no sensors'),
     ],
