@@ -33,8 +33,8 @@ _WHOLE: dict[str, Encoder] = {
     'sensor_msgs/msg/Image': Image(),
     'sensor_msgs/msg/CompressedImage': Image(),
     'sensor_msgs/msg/PointCloud2': Cloud(),
+    'sensor_msgs/msg/LaserScan': Scan(),  # Nearly every scan has some ray without a reading.
 }
-_SCAN = 'sensor_msgs/msg/LaserScan'
 #: Messages without measurements.
 _SKIPPED = (
     'builtin_interfaces/msg/Time', 'builtin_interfaces/msg/Duration', 'std_msgs/msg/Header',
@@ -43,7 +43,7 @@ _SKIPPED = (
 #: An array of these is an image or other binary data.
 BYTES = ('uint8', 'byte', 'octet')
 #: Fields whose infinite values another field of the message replaces.
-_INF = {'ranges': 'range_max', 'range': 'max_range'}
+_INF = {'range': 'max_range'}
 _IN_BRACES = re.compile(r'[^{},\s"\\]+')
 _KEY = re.compile(r'[^{},"\\\x00-\x1f]+')
 
@@ -103,21 +103,17 @@ class ObservedTopic:
         self._num_looks = 0
         self._open: list[ObservedField] = []
         self._fields_of = fields_of
-        self._geometries: set[tuple] = set()  # Numbers of rays and angles of a laser scan.
 
     @property
     def is_open(self) -> bool:
         """Whether another message could add information."""
         is_known = self.fields is not None and not self._open and not self.trace.is_open
-        may_vary = self.kind == _SCAN and len(self._geometries) < 2
-        return not is_known or self.has_entries or may_vary
+        return not is_known or self.has_entries
 
     def look(self, message) -> None:
         """Observe the values of a message."""
         self._num_looks += 1
         self.trace.look(message)
-        if self.kind == _SCAN:
-            self._look_at_rays(message)
         if self.fields is None or self.has_entries:
             self.fields = self.fields or {}
             for field in self._found(self.kind, message, self.topic, ()):
@@ -130,14 +126,6 @@ class ObservedTopic:
             field.look(message)
         if not self.has_entries:
             self._open = [field for field in self._open if field.is_open]
-
-    def _look_at_rays(self, message) -> None:
-        """Propose a scan by angle as soon as its rays differ from those of earlier messages."""
-        if len(self._geometries) < 2:
-            self._geometries.add((len(message.ranges), message.angle_min, message.angle_increment))
-            if len(self._geometries) == 2:
-                self._open = [_whole(self.topic, Scan())]
-                self.fields = {field.text: field for field in self._open}
 
     @property
     def rate(self) -> float:
@@ -154,7 +142,7 @@ class ObservedTopic:
         if len(above) >= MAX_PARTS:
             return
         if kind in _WHOLE:
-            yield _whole(text, _WHOLE[kind])
+            yield ObservedField(parse_field_path(text), text, _WHOLE[kind])
             return
         for name, what in self._fields_of(kind):
             value = getattr(message, name, None)
@@ -193,10 +181,6 @@ class ObservedTopic:
         for name, entry in zip(names, entries, strict=True):
             if isinstance(name, str) and _KEY.fullmatch(name):
                 yield f'{{{name}}}', entry
-
-
-def _whole(text: str, encoder: Encoder) -> ObservedField:
-    return ObservedField(parse_field_path(text), text, encoder)
 
 
 def _end(name: str, values: Sequence, above: tuple) -> str:
