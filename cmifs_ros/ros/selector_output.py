@@ -37,6 +37,8 @@ class SelectorOutput:
     in_use : SelectionInUse or None
     relay : StateRelay
     topics : HeardTopics
+    rivals : str
+        Says that several nodes publish selections; empty if none does but this one.
 
     """
 
@@ -50,6 +52,7 @@ class SelectorOutput:
         self.relay = StateRelay(node, settings)
         self.topics = HeardTopics(node)
         self.in_use: SelectionInUse | None = None
+        self.rivals = ''
         self._is_of_topics = False  # Whether the published advice is about topics.
         self._last_number = 0
 
@@ -97,12 +100,15 @@ class SelectorOutput:
     def update(self, problem: str) -> None:
         """Publish the selection again if its doubt, or whether its topics are known, has changed.
 
+        Also look for other selectors.
+
         Parameters
         ----------
         problem : str
             Message of the last attempt to select, if it failed.
 
         """
+        self._look_for_rivals()
         if self.in_use is None:
             return
         doubt = self.in_use.doubt(problem)
@@ -131,6 +137,15 @@ class SelectorOutput:
         self._scores_publisher.publish(
             conversions.named_values_to_msg(header, selection.ranking, selection.scores)
         )
+
+    def _look_for_rivals(self) -> None:
+        topic = self._selection_publisher.topic_name
+        publishers = conversions.nodes_publishing(self._node, topic)
+        before, self.rivals = self.rivals, ''
+        if len(publishers) > 1:
+            self.rivals = f'{listed(publishers)} all publish {topic}: end all but one'
+            if not before:
+                self._node.get_logger().warning(self.rivals)
 
     def _publish_selection(self) -> None:
         self._is_of_topics = self.topics.of(self.in_use.selection) is not None

@@ -11,6 +11,7 @@ from std_msgs.msg import Header
 
 from cmifs_ros.collect.episodes.filter import StateFilter, layout_of
 
+from . import conversions
 from .selected_state_publisher import SelectedStatePublisher
 from .selection_in_use import SelectionInUse
 
@@ -83,13 +84,9 @@ class StateRelay:
             self._publisher.publish(header.stamp, names, values)
 
     def _look(self) -> None:
-        origins = self._publishers(self._input)
-        publishers = self._publishers(self._publisher.topic_name)
+        origins = conversions.nodes_publishing(self._node, self._input)
+        publishers = conversions.nodes_publishing(self._node, self._publisher.topic_name)
         others = set(publishers) - {self._node.get_fully_qualified_name()}
         self._is_certain = bool(origins) and not any(_UNKNOWN in n for n in origins + publishers)
         # An unknown node may be the sampler: until it is known, publish nothing twice.
         self._others = {n for n in others if not self._is_certain or n in origins}
-
-    def _publishers(self, topic: str) -> list[str]:
-        found = self._node.get_publishers_info_by_topic(topic)
-        return [f'{info.node_namespace.rstrip("/")}/{info.node_name}' for info in found]

@@ -114,6 +114,18 @@ def test_publishers_come_and_go(selector, robot, make_robot):
     assert 'Traceback' not in selector.output
 
 
+def test_two_selectors_on_one_graph_are_told(selector, robot, start):
+    rival = start('selector_node', '-r', '__node:=rival')
+    said = '/rival, /selector all publish /selection: end all but one'
+    for name in 'selector', 'rival':
+        key = f'{name}: selection'
+        robot.until(lambda key=key: robot.diagnostics.get(key, (OK, ''))[1].startswith(said))
+        assert robot.diagnostics[key][0] == WARN
+    assert said in selector.output
+    assert rival.end() == 0
+    robot.until(lambda: robot.diagnostics[SELECTION][0] == OK)
+
+
 def test_simulated_time_is_only_shown_and_never_waited_for(start, robot):
     start('selector_node', selection_period=0.5, num_features=1, use_sim_time=True)
     robot.wait_for_selector()
