@@ -18,6 +18,8 @@ from std_msgs.msg import Header
 
 from cmifs_ros.collect.robot_file import load_robot_file
 from cmifs_ros.collect.robot_file.model import STATUS
+from cmifs_ros.collect.sampling.message_reader import event_time
+from cmifs_ros.collect.sampling.moments import SECOND
 from cmifs_ros.collect.sampling.sampler import Sampler
 from cmifs_ros.collect.sampling.step import Step
 from cmifs_ros.collect.simulated_time import CLOCK, SimulatedTime
@@ -164,12 +166,13 @@ class SamplerNode(Node):
         self._publish(self._sampler.set_clock(self._simulated.now))
 
     def _take(self, topic: str, message) -> None:
-        self._status.heard(topic)
+        stamp, now = event_time(message), self.get_clock().now().nanoseconds
+        self._status.heard(topic, math.inf if stamp is None else (now - stamp) / SECOND)
         try:
             # The source timestamp is unknown: the EventsExecutor of rclpy 7.1.6 fails on callbacks
             # that ask for the message's info.
             simulated = self._simulated.now if self._simulated is not None else 0
-            received = simulated or self.get_clock().now().nanoseconds
+            received = simulated or now
             self._selected_state.take(topic, message, received)
             self._traffic.take(topic, message)
             steps = self._sampler.add(topic, message, received)

@@ -24,6 +24,9 @@ _SILENCE = 5.0
 _GRACE = 3.0
 #: Causes reported, the most frequent ones.
 _MAX_CAUSES = 8
+#: Seconds from its stamp in which a message is expected, and those beyond which the stamps are of
+#: another clock altogether.
+_LATE, _OTHER_CLOCK = 1.0, 60.0
 #: Log lines for causes that are found at once.
 _MAX_LINES = 3
 
@@ -45,21 +48,28 @@ class SamplerStatus:
         self._name, self._sampler, self._max_ages = name, sampler, max_ages
         self._heard_at: dict[str, float] = {}
         self._off_at: dict[str, float] = {}  # When a topic was last seen to be switched off.
+        # By topic, the least and the greatest age of messages since the last report.
+        self._ages: dict[str, tuple[float, float]] = {}
+        self._lag = 0.0  # Of all topics at the last report.
+        self._told_lag = False
         self._past: deque[dict] = deque(maxlen=_WINDOW)
         self._stepping_at: float | None = None
         self._told: Counter = Counter()  # What steps lacked at the last call.
         self._told_losses = False
 
-    def heard(self, topic: str) -> None:
-        """Note that a message of a topic has arrived."""
+    def heard(self, topic: str, age: float) -> None:
+        """Note that a message is taken, so many seconds after its stamp; inf if it has none."""
         self._heard_at[topic] = time.monotonic()
+        if abs(age) < _OTHER_CLOCK:
+            least, greatest = self._ages.get(topic, (age, age))
+            self._ages[topic] = min(least, age), max(greatest, age)
 
     def silence(self) -> float:
         """Return the seconds since the newest message of any topic; inf if there was none."""
         return time.monotonic() - max(self._heard_at.values(), default=-math.inf)
 
     def news(self) -> list[str]:
-        """Return log lines: losses that depend on the end, and what steps lack; each only once.
+        """Return log lines, each only once: what steps lack, a lag, losses that depend on the end.
 
         If much is lacking at once, which mostly has one reason, such as a robot that stands still,
         there is one line.
@@ -77,6 +87,9 @@ class SamplerStatus:
             more = len(causes) - _MAX_LINES
             causes = [f'{"; ".join(causes[:_MAX_LINES])}; and {more} more, see /diagnostics']
         lines = [f'steps lack {what}; this breaks episodes' for what in causes]
+        if self._lag > _LATE and not self._told_lag:
+            self._told_lag = True
+            lines.append(self._lag_in_words())
         losses = self._sampler.ends.problem()
         if losses and not self._told_losses:
             self._told_losses = True
@@ -104,10 +117,12 @@ class SamplerStatus:
         past = self._past[0] if self._past else now
         self._past.append(now)
         seconds = now['time'] - past['time']
+        self._lag = max(0.0, min((least for least, _ in self._ages.values()), default=0.0))
         topics = [
             self._topic(topic, now, past, seconds, problems.get(topic, ''))
             for topic in self._max_ages
         ]
+        self._ages.clear()
         return [self._steps(now, past, seconds, problems), *topics]
 
     def _steps(self, now: dict, past: dict, seconds: float, problems) -> DiagnosticStatus:
@@ -127,10 +142,10 @@ class SamplerStatus:
             level, message = diagnostics.WARN, f'topics with problems: {listed(sorted(problems))}'
         elif now['between'] - past['between'] == moments:
             message = 'between episodes: the end condition of the last one still holds'
-        if losses := sampler.ends.problem():
+        for problem in filter(None, (self._lag_in_words(), sampler.ends.problem())):
             is_well = level == diagnostics.OK
             level, message = (
-                (diagnostics.WARN, losses) if is_well else (level, f'{losses}; {message}')
+                (diagnostics.WARN, problem) if is_well else (level, f'{problem}; {message}')
             )
         values = {
             'steps': now['steps'],
@@ -146,6 +161,14 @@ class SamplerStatus:
         }
         return diagnostics.status(f'{self._name}: steps', level, message, values)
 
+    def _lag_in_words(self) -> str:
+        if self._lag <= _LATE:
+            return ''
+        return (
+            f'all messages are taken {self._lag:.1f} s after their stamps: give this node more '
+            "processor time, or set this machine's clock"
+        )
+
     def _topic(self, topic: str, now: dict, past: dict, seconds: float, problem: str):
         if is_off := topic in self._sampler.saving.off:
             self._off_at[topic] = now['time']
@@ -153,7 +176,10 @@ class SamplerStatus:
         age = now['time'] - max(heard_at, self._off_at.get(topic, -math.inf))
         is_silent = age > max(_SILENCE, self._max_ages[topic])
         fresh = {key: now[key][topic] - past[key][topic] for key in ('late', 'wrong')}
+        least, greatest = self._ages.get(topic, (0.0, 0.0))
         level, message = diagnostics.OK, 'received'
+        if least - self._lag > _LATE:
+            message = f'received {least:.1f} s after its stamps'
         if is_off:
             message = 'switched off'
         elif problem:
@@ -167,6 +193,9 @@ class SamplerStatus:
             level, message = diagnostics.WARN, f'unusable: {self._sampler.last_wrong[topic]}'
         elif fresh['late']:
             level, message = diagnostics.WARN, 'arrives later than steps can wait'
+        elif -greatest > _LATE:
+            level = diagnostics.WARN
+            message = f'its stamps are {-greatest:.1f} s ahead: set the clock of whoever stamps it'
         values = {
             'messages': now['received'][topic],
             'rate in Hz': _rate(now['received'][topic] - past['received'][topic], seconds),

@@ -2,6 +2,7 @@
 
 """What a sampler logs about steps that lack something."""
 
+import math
 from types import SimpleNamespace as Message
 
 import pytest
@@ -128,3 +129,27 @@ def test_of_messages_that_come_too_late_it_says_so(monkeypatch):
         lines += status.news()
     said = 'its messages come later than steps can wait; this breaks episodes'
     assert lines == [f'steps lack {name}: {said}' for name in 'bc']
+
+
+def test_a_lag_of_the_node_and_a_clock_that_is_wrong_are_told_apart():
+    robot = parse_robot_file(ROBOT % 'b: /b.data, c: /c.data, d: /d.data')
+    status = SamplerStatus('sampler', Sampler(robot), dict.fromkeys(robot.topics, 1.0))
+
+    def told(**ages):
+        for name, age in ages.items():
+            for jitter in 0.0, 0.2:
+                status.heard(f'/{name}', age + jitter)
+        return {one.name[9:]: (one.level, one.message) for one in status.statuses({})}
+
+    well = told(a=0.0, b=0.0, c=0.9, d=math.inf)
+    assert {well[f'/{name}'] for name in 'abcd'} == {(DiagnosticStatus.OK, 'received')}
+    found = told(a=0.0, b=2.0, c=-2.2, d=math.inf)
+    assert found['steps'] == well['steps']
+    assert found['/a'] == found['/d'] == (DiagnosticStatus.OK, 'received')
+    assert found['/b'] == (DiagnosticStatus.OK, 'received 2.0 s after its stamps')
+    what = 'its stamps are 2.0 s ahead: set the clock of whoever stamps it'
+    assert found['/c'] == (DiagnosticStatus.WARN, what)
+    found = told(a=10.0, b=10.1, c=10.5, d=math.inf)
+    assert {found[f'/{name}'] for name in 'abcd'} == {(DiagnosticStatus.OK, 'received')}
+    assert found['steps'][1].startswith('all messages are taken 10.0 s after their stamps: ')
+    assert told(a=1e9, b=1e9)['steps'] == well['steps']  # Simulated time, on a real clock.
