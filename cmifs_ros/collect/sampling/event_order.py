@@ -134,7 +134,12 @@ class EventOrder:
     def _add_far(self, message: Message, newest: int, leads: bool) -> list[Moment]:
         """Count a message of another time as wrong, unless most topics have gone there."""
         topic, is_stamped = message.topic, message.is_stamped
-        self.note_wrong(topic, _far(message.stamp, newest, not is_stamped))
+        remedy = 'set the clock of the node that stamps it'
+        if not is_stamped and self._clock is None:
+            remedy = 'if their time is simulated, set use_sim_time, or record /clock'
+        elif not is_stamped:
+            remedy = 'their stamps are not in the time of /clock'
+        self.note_wrong(topic, _far(message.stamp, newest, not is_stamped, remedy))
         run = self._far.get(topic)
         if run is None or abs(message.stamp - run.last) > JUMP:
             run = self._far[topic] = Run(is_stamped, self._topics[topic].newest)
@@ -298,11 +303,7 @@ class EventOrder:
         return is_soon and -SECOND <= age <= JUMP and ahead > MARGIN and abs(age) < ahead
 
 
-def _far(stamp: int, newest: int, is_received: bool) -> str:
-    what = f'{stamp / SECOND:.3f} s, is far from the other topics, at {newest / SECOND:.3f} s'
-    if is_received:
-        return (
-            f'it has no stamp, and its receive time, {what}: if their time is simulated, '
-            'set use_sim_time, or record /clock'
-        )
-    return f'its stamp, {what}: set the clock of the node that stamps it'
+def _far(stamp: int, newest: int, is_received: bool, remedy: str) -> str:
+    what = 'it has no stamp, and its receive time' if is_received else 'its stamp'
+    far = f'{stamp / SECOND:.3f} s, is far from the other topics, at {newest / SECOND:.3f} s'
+    return f'{what}, {far}: {remedy}'

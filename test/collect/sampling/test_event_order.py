@@ -280,3 +280,18 @@ def test_each_message_is_taken_once_or_counted(runs_, errors, has_clock, is_stam
     for moment in taken:
         assert moment is CLOCK_SET or moment.time > before
         before = moment.time
+
+
+@pytest.mark.parametrize(
+    ('clock', 'remedy'),
+    [(None, 'set use_sim_time'), (1000, 'their stamps are not in the time of /clock')],
+)
+def test_a_receive_time_far_from_the_stamps_is_unusable_with_a_remedy(clock, remedy):
+    order = EventOrder(['/a', '/b'])
+    if clock is not None:
+        order.set_clock(clock * SECOND)
+    for second in range(1000, 1003):
+        order.add('/a', (second - 500) * SECOND, second * SECOND, None)
+        order.add('/b', None, second * SECOND, None)
+    assert order.wrong == {'/b': 3}
+    assert remedy in order.last_wrong['/b']
