@@ -11,7 +11,6 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from builtin_interfaces.msg import Time
 from nav_msgs.msg import OccupancyGrid
-from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header, Int32MultiArray, MultiArrayDimension
 from visualization_msgs.msg import Marker, MarkerArray
@@ -20,12 +19,6 @@ from cmifs_ros.collect.episodes.builder import RewardSample
 from cmifs_ros.collect.sampling.moments import SECOND
 from cmifs_ros.core.channel_names import MAX_CHANNELS
 from cmifs_ros.core.words import counted
-
-
-def nodes_publishing(node: Node, topic: str) -> list[str]:
-    """Return the full names of the nodes that publish a topic, sorted, once for each publisher."""
-    found = node.get_publishers_info_by_topic(topic)
-    return sorted(f'{info.node_namespace.rstrip("/")}/{info.node_name}' for info in found)
 
 
 def message_type(name: str) -> type:

@@ -18,9 +18,13 @@ from cmifs_ros.core.words import listed
 
 from . import conversions
 from .heard_topics import HeardTopics
+from .publishers import UNKNOWN_NODE, nodes_publishing
 from .qos import LATCHED_QOS
 from .selection_in_use import SelectionInUse
 from .state_relay import StateRelay
+
+#: Seconds for which a killed node of the same name may remain in the graph.
+_LEASE = 30.0
 
 
 class SelectorOutput:
@@ -53,6 +57,7 @@ class SelectorOutput:
         self.topics = HeardTopics(node)
         self.in_use: SelectionInUse | None = None
         self.rivals = ''
+        self._alone_at = time.monotonic()  # When no other node had this name.
         self._is_of_topics = False  # Whether the published advice is about topics.
         self._last_number = 0
 
@@ -139,10 +144,15 @@ class SelectorOutput:
         )
 
     def _look_for_rivals(self) -> None:
-        topic = self._selection_publisher.topic_name
-        publishers = conversions.nodes_publishing(self._node, topic)
+        topic, own = self._selection_publisher.topic_name, self._node.get_fully_qualified_name()
+        publishers = [
+            name for name in nodes_publishing(self._node, topic) if UNKNOWN_NODE not in name
+        ]
+        if publishers.count(own) < 2:
+            self._alone_at = time.monotonic()
+        has_twin = time.monotonic() > self._alone_at + _LEASE
         before, self.rivals = self.rivals, ''
-        if len(publishers) > 1:
+        if has_twin or any(name != own for name in publishers):
             self.rivals = f'{listed(publishers)} all publish {topic}: end all but one'
             if not before:
                 self._node.get_logger().warning(self.rivals)

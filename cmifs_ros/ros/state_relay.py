@@ -11,12 +11,9 @@ from std_msgs.msg import Header
 
 from cmifs_ros.collect.episodes.filter import StateFilter, layout_of
 
-from . import conversions
+from .publishers import UNKNOWN_NODE, nodes_publishing
 from .selected_state_publisher import SelectedStatePublisher
 from .selection_in_use import SelectionInUse
-
-#: The name of a publishing node that the middleware has not discovered yet.
-_UNKNOWN = '_NODE_NAME_UNKNOWN_'
 
 
 class StateRelay:
@@ -84,9 +81,11 @@ class StateRelay:
             self._publisher.publish(header.stamp, names, values)
 
     def _look(self) -> None:
-        origins = conversions.nodes_publishing(self._node, self._input)
-        publishers = conversions.nodes_publishing(self._node, self._publisher.topic_name)
+        origins = nodes_publishing(self._node, self._input)
+        publishers = nodes_publishing(self._node, self._publisher.topic_name)
         others = set(publishers) - {self._node.get_fully_qualified_name()}
-        self._is_certain = bool(origins) and not any(_UNKNOWN in n for n in origins + publishers)
+        self._is_certain = bool(origins) and not any(
+            UNKNOWN_NODE in name for name in origins + publishers
+        )
         # An unknown node may be the sampler: until it is known, publish nothing twice.
         self._others = {n for n in others if not self._is_certain or n in origins}
