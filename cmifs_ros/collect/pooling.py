@@ -142,6 +142,7 @@ def pooled(
         if pool.action_names and facts.action_names not in ((), pool.action_names):
             raise RecordingError(f'{path} has other actions than {first}; expected the same')
         pool.channel_names = facts.channel_names
+        pool.notes += [f'{path}: {note}' for note in facts.notes]
         step = pool.step_seconds * 1e9
         used = [other for other in used if not other.end + step < one.begin]
         this = _Used(path, source_of(path, by), number, one, trace)

@@ -68,6 +68,8 @@ class RecordedEpisodes:
         Episodes by kind of end, and how many of each kind were lost.
     cameras : mapping of str to Camera
         By sensor, what returns its pictures.
+    notes : tuple of str
+        What looks wrong.
 
     """
 
@@ -89,15 +91,20 @@ class RecordedEpisodes:
     topics: Mapping[str, str] = field(default_factory=dict)
     end_counts: EndCounts = field(default_factory=EndCounts)
     cameras: Mapping[str, Camera] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         """Return the counts and names, not the numbers."""
-        dropped = ''.join(f', dropped {count}: {cause}' for cause, count in self.dropped.items())
-        return (
-            f'RecordedEpisodes({counted(len(self.episodes), "episode")} of '
-            f'{counted(self.num_read, self.unit)}, channels {listed(self.channel_names)}, '
-            f'actions {listed(self.action_names) or "none"}{dropped})'
-        )
+        dropped = [f'dropped {count}: {cause}' for cause, count in self.dropped.items()]
+        counts = f'{counted(len(self.episodes), "episode")} of {counted(self.num_read, self.unit)}'
+        said = [
+            counts,
+            f'channels {listed(self.channel_names)}',
+            f'actions {listed(self.action_names) or "none"}',
+            *dropped,
+            *self.notes,
+        ]
+        return f'RecordedEpisodes({"; ".join(said)})'
 
     def __sizeof__(self) -> int:
         """Return the size in memory, by which a cluster decides what is too large to move."""

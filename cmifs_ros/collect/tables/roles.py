@@ -17,6 +17,9 @@ from . import arrow
 from .columns import Columns, until
 from .steps import Names, Steps, episodes_of_steps
 
+#: If more rows than this stay together on average, rows of several robots are not mixed.
+_FEW_ROWS = 4
+
 
 @dataclass(frozen=True)
 class Roles:
@@ -115,9 +118,10 @@ def steps_by_roles(path, tables: Mapping[object, Any], roles: Roles) -> Recorded
     unreadable = dict(columns.unreadable)
     actions = {name: _needed(columns, name) for name in roles.action}
     rewards = _needed(columns, roles.reward) if roles.reward else None
-    parts, begin = [], 0
+    parts, begin, num_breaks = [], 0, 0
     for one, of_one in tables.items():
         for name, source, places in _episodes(Columns(one, of_one), roles):
+            num_breaks += int(np.count_nonzero(np.diff(places) > 1))
             rows = begin + places
             parts.append(
                 Steps(
@@ -130,11 +134,18 @@ def steps_by_roles(path, tables: Mapping[object, Any], roles: Roles) -> Recorded
                 )
             )
         begin += len(of_one)
+    notes = []
+    if 0 < num_breaks * _FEW_ROWS < len(table):
+        notes.append(
+            f'rows of episodes do not follow each other, in {num_breaks} places: if the numbers in '
+            f'{roles.episode} begin again, as in joined runs, number the episodes anew'
+        )
     names = Names('state', {name: _names_of_gaps(values) for name, values in gaps.items()})
     return episodes_of_steps(
         path, parts, names, 'no column for the reward (--reward)', {},
         remedy=' (--gaps keeps them, --ignore leaves the sensor out)',
         num_open_steps=len(table) - sum(map(len, parts)), unreadable=unreadable,
+        notes=tuple(notes),
     )  # fmt: skip
 
 

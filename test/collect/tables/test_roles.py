@@ -11,6 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pyarrow import csv
 
+from cmifs_ros.collect.outline import outline_of
+from cmifs_ros.collect.pooling import pooled
 from cmifs_ros.collect.recorded_episodes import RecordingError
 from cmifs_ros.collect.recording import episodes_of_recording, recordings_in
 from cmifs_ros.collect.tables.roles import Roles
@@ -85,6 +87,18 @@ def test_rows_of_episodes_may_be_mixed(random):
         assert np.array_equal(episode.states, whole.episodes[int(batch[1])].states)
 
 
+def test_numbers_of_episodes_that_begin_again_are_told():
+    twice = pa.concat_tables([log([9, 8, 9]), log([8, 9, 10], seed=1)])
+    found = episodes_of_recording(twice, roles=ROLES)
+    (note,) = found.notes
+    assert 'in 3 places: if the numbers in batch begin again' in note
+    assert pooled([('oven.csv', outline_of(found))], None).notes == [f'oven.csv: {note}']
+    # The rows of robots that run at the same time alternate.
+    alternating = log([9, 9]).take(np.arange(18).reshape(2, 9).T.ravel())
+    for table in (log(), alternating):
+        assert episodes_of_recording(table, roles=ROLES).notes == ()
+
+
 def test_a_true_value_in_any_of_the_columns_ends_an_episode():
     table = log()
     by_end = Roles(
@@ -124,7 +138,7 @@ def test_a_folder_of_tables_is_read_as_one_whose_files_are_its_episodes(tmp_path
     assert found.action_names == ('action_bin.0', 'action_bin.1', 'action_bin.2')
     assert [e.rewards.tolist() for e in found.episodes] == [[1, 2, 3], [2, 3, 4, 5], [10, 11]]
     assert found.episodes[1].states[:, 2].tolist() == [0, 0, 0, 0]
-    assert '3 episodes of 9 steps, channels hue, gauge.value' in repr(found)
+    assert '3 episodes of 9 steps; channels hue, gauge.value' in repr(found)
 
 
 def test_episodes_of_a_folder_end_with_their_file(tmp_path):
