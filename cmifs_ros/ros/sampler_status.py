@@ -8,6 +8,7 @@ import math
 import time
 from collections import Counter, deque
 from collections.abc import Mapping
+from statistics import median_low
 
 from diagnostic_msgs.msg import DiagnosticStatus
 
@@ -50,7 +51,7 @@ class SamplerStatus:
         self._off_at: dict[str, float] = {}  # When a topic was last seen to be switched off.
         # By topic, the least and the greatest age of messages since the last report.
         self._ages: dict[str, tuple[float, float]] = {}
-        self._lag = 0.0  # Of all topics at the last report.
+        self._lag = 0.0  # Of most topics at the last report.
         self._told_lag = False
         self._past: deque[dict] = deque(maxlen=_WINDOW)
         self._stepping_at: float | None = None
@@ -117,7 +118,8 @@ class SamplerStatus:
         past = self._past[0] if self._past else now
         self._past.append(now)
         seconds = now['time'] - past['time']
-        self._lag = max(0.0, min((least for least, _ in self._ages.values()), default=0.0))
+        # The median: the clock of a single topic may be wrong.
+        self._lag = max(0.0, median_low([least for least, _ in self._ages.values()] or [0.0]))
         topics = [
             self._topic(topic, now, past, seconds, problems.get(topic, ''))
             for topic in self._max_ages
@@ -165,8 +167,8 @@ class SamplerStatus:
         if self._lag <= _LATE:
             return ''
         return (
-            f'all messages are taken {self._lag:.1f} s after their stamps: give this node more '
-            "processor time, or set this machine's clock"
+            f'messages of most topics are taken {self._lag:.1f} s after their stamps: give this '
+            "node more processor time, or set this machine's clock"
         )
 
     def _topic(self, topic: str, now: dict, past: dict, seconds: float, problem: str):
@@ -176,7 +178,7 @@ class SamplerStatus:
         age = now['time'] - max(heard_at, self._off_at.get(topic, -math.inf))
         is_silent = age > max(_SILENCE, self._max_ages[topic])
         fresh = {key: now[key][topic] - past[key][topic] for key in ('late', 'wrong')}
-        least, greatest = self._ages.get(topic, (0.0, 0.0))
+        least, greatest = self._ages.get(topic, (self._lag, self._lag))
         level, message = diagnostics.OK, 'received'
         if least - self._lag > _LATE:
             message = f'received {least:.1f} s after its stamps'
@@ -193,9 +195,9 @@ class SamplerStatus:
             level, message = diagnostics.WARN, f'unusable: {self._sampler.last_wrong[topic]}'
         elif fresh['late']:
             level, message = diagnostics.WARN, 'arrives later than steps can wait'
-        elif -greatest > _LATE:
+        elif (ahead := self._lag - greatest) > _LATE:
             level = diagnostics.WARN
-            message = f'its stamps are {-greatest:.1f} s ahead: set the clock of whoever stamps it'
+            message = f'its stamps are {ahead:.1f} s ahead: set the clock of whoever stamps it'
         values = {
             'messages': now['received'][topic],
             'rate in Hz': _rate(now['received'][topic] - past['received'][topic], seconds),
