@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from cmifs_ros.core import Episode
-from cmifs_ros.core.words import counted
+from cmifs_ros.core.words import counted, listed
 
 from .episodes.same_actions import which_alike
 from .outline import Outline, Trace
@@ -138,9 +138,11 @@ def pooled(
     for number, path, one in sorted(numbered, key=lambda item: item[2].begin):
         facts = one.recording
         if facts.channel_names != (pool.channel_names or facts.channel_names):
-            raise RecordingError(f'{path} has other channels than {first}; expected the same')
+            names = pool.channel_names, facts.channel_names
+            raise RecordingError(f'{path} has other channels than {first}{_difference(*names)}')
         if pool.action_names and facts.action_names not in ((), pool.action_names):
-            raise RecordingError(f'{path} has other actions than {first}; expected the same')
+            names = pool.action_names, facts.action_names
+            raise RecordingError(f'{path} has other actions than {first}{_difference(*names)}')
         pool.channel_names = facts.channel_names
         pool.notes += [f'{path}: {note}' for note in facts.notes]
         step = pool.step_seconds * 1e9
@@ -163,6 +165,15 @@ def pooled(
             pool.shares.append(Share(number, this.source, this.which, True))
     _reconcile(pool, [one for _, one in recordings])
     return pool
+
+
+def _difference(expected: Sequence[str], found: Sequence[str]) -> str:
+    """Return the end of an error: which names differ."""
+    lacking = [name for name in expected if name not in found]
+    more = [name for name in found if name not in expected]
+    said = [f'it lacks {listed(lacking)}'] if lacking else []
+    said += [f'it also has {listed(more)}'] if more else []
+    return f'; expected the same: {" and ".join(said) or "their order differs"}'
 
 
 def _left_out(path: str, count: int, total: int) -> str:

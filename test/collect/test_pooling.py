@@ -107,7 +107,11 @@ def test_bags_are_in_the_order_of_time_and_nothing_is_told_of_those_apart():
 
 def test_bags_of_other_channels_are_refused():
     bags = [('a', recorded(drive())), ('b', recorded(drive(), 900, names=('x', 'y', 'w')))]
-    with pytest.raises(RecordingError, match='b has other channels than a; expected the same'):
+    said = 'b has other channels than a; expected the same: it lacks z and it also has w'
+    with pytest.raises(RecordingError, match=said):
+        pool_of(bags)
+    bags[1] = 'b', recorded(drive(), 900, names=('y', 'x', 'z'))
+    with pytest.raises(RecordingError, match='expected the same: their order differs'):
         pool_of(bags)
 
 
@@ -137,7 +141,8 @@ def test_bags_without_actions_are_left_out_where_most_have_some_else_all_do_with
 
 def test_bags_of_other_actions_are_refused():
     one, other = acting(recorded(drive(0, 50))), acting(recorded(drive(1, 50), 1000), ('drive',))
-    with pytest.raises(RecordingError, match='b has other actions than a; expected the same'):
+    said = 'b has other actions than a; expected the same: it lacks turn and it also has drive'
+    with pytest.raises(RecordingError, match=said):
         pool_of([('a', one), ('b', other)])
 
 

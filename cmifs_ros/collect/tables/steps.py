@@ -176,6 +176,8 @@ def _stacked(path, parts: Sequence[Steps], what: str) -> list[np.ndarray]:
 
 def _within_range(states: list[np.ndarray]) -> list[np.ndarray]:
     """Return the states with the greatest and least finite value of a channel for infinite ones."""
+    if not any(np.isinf(of_episode).any() for of_episode in states):
+        return states
     together = np.concatenate(states)
     is_finite = np.isfinite(together)
     greatest = together.max(axis=0, where=is_finite, initial=-np.inf)
