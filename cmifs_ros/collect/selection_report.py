@@ -155,6 +155,15 @@ def reason(selection: Selection, sensor: SensorResult) -> str:
     return _PREDICTS + links[0]
 
 
+def is_confirmed_earlier(selection: Selection, sensor: SensorResult) -> bool:
+    """Return whether a running selector keeps what only earlier selections confirmed."""
+    return (
+        sensor.status == CONFIRMED
+        and selection.level is not None
+        and sensor.pvalue > selection.level
+    )
+
+
 def undecided_because(selection: Selection, sensor: SensorResult) -> str:
     """Return why a sensor is undecided; empty if it is not."""
     if sensor.status != UNDECIDED:

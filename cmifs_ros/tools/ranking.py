@@ -14,6 +14,7 @@ from cmifs_ros.collect.selection_report import (
     LINE_WIDTH,
     PREDICTED,
     interval,
+    is_confirmed_earlier,
     prediction,
     reason,
     share,
@@ -177,7 +178,7 @@ def further_columns(selection: Selection, most_names: int) -> list[Column]:
         [
             Column(
                 'why',
-                [reason(selection, s) or undecided_because(selection, s) for s in sensors],
+                [_remark(selection, sensor) for sensor in sensors],
                 is_text=True,
             ),
             Column('stability', stability),
@@ -194,6 +195,12 @@ def score_columns(selection: Selection) -> list[Column]:
         Column('score', [f'{sensor.score:.3f}' for sensor in selection.changing]),
         *_filled([Column('null band', [f'{b[0]:.3f} to {b[2]:.3f}' if b else '' for b in bands])]),
     ]
+
+
+def _remark(selection: Selection, sensor: SensorResult) -> str:
+    if is_confirmed_earlier(selection, sensor):
+        return 'confirmed earlier'
+    return reason(selection, sensor) or undecided_because(selection, sensor)
 
 
 def _supporting(sensor: SensorResult) -> tuple[str, ...]:

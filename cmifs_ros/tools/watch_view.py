@@ -16,6 +16,7 @@ from rich.text import Text
 
 from cmifs_ros.collect.advice import Advice, advice_lines
 from cmifs_ros.collect.selection_report import (
+    is_confirmed_earlier,
     level_needed,
     prediction,
     reason,
@@ -249,6 +250,9 @@ def _facts(selection: Selection):
     reasons = [(sensor, reason(selection, sensor)) for sensor in selection.sensors]
     if why := first([f'{short(sensor.name)} ({text})' for sensor, text in reasons if text]):
         yield f'why: {why}'
+    earlier = [short(s.name) for s in selection.sensors if is_confirmed_earlier(selection, s)]
+    if earlier:
+        yield f'confirmed by earlier selections: {first(earlier)}'
     because = [(sensor, undecided_because(selection, sensor)) for sensor in selection.sensors]
     if why := first([f'{short(sensor.name)} ({text})' for sensor, text in because if text]):
         yield f'undecided: {why}{level_needed(selection)}'

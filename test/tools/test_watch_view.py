@@ -12,6 +12,7 @@ from selections import selection, sensor
 from cmifs_ros.collect.advice import advice_of
 from cmifs_ros.collect.traffic import Rate
 from cmifs_ros.core.effect import Effect
+from cmifs_ros.tools.ranking import further_columns
 from cmifs_ros.tools.watch_view import Snapshot, Status, view
 
 VALUES = {
@@ -218,3 +219,14 @@ def test_no_name_or_message_breaks_the_view_or_steers_the_terminal(names, scores
 
 def test_square_brackets_are_shown_and_not_taken_for_style():
     assert '[red]scan[0]' in text_of(snapshot(sensor('[red]scan[0]')))
+
+
+def test_what_only_earlier_selections_confirmed_is_said():
+    kept = replace(X, name='kept', pvalue=0.79)
+    live = selection(X, kept, Y, level=0.003)
+    text = ' '.join(text_of(snapshot(selection=live)).split())
+    assert 'confirmed by earlier selections: kept ' in text
+    (remarks,) = (c.cells for c in further_columns(live, most_names=3) if c.heading == 'why')
+    assert remarks == ['', 'confirmed earlier', 'wide interval']
+    of_bag = selection(X, Y, BATTERY)
+    assert 'earlier' not in text_of(snapshot(selection=of_bag))
