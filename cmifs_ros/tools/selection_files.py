@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import time
 from collections import Counter
 from typing import NamedTuple
@@ -24,6 +25,7 @@ from cmifs_ros.collect.traffic import rates_of
 from cmifs_ros.core.selection import Selection
 from cmifs_ros.core.thinning import ThinnedEpisodes
 
+from .program import CommandError
 from .recordings import Recordings
 
 
@@ -51,7 +53,14 @@ class Data(NamedTuple):
 def write_files(
     selection: Selection, data: Data, robot: RobotFile | None, options: argparse.Namespace
 ) -> None:
-    """Print a selection and the advice, and write the files that the options name."""
+    """Print a selection and the advice, and write the files that the options name.
+
+    Raises
+    ------
+    CommandError
+        If the file of episodes exists by now. Everything else has been written.
+
+    """
     from .html_report import write_report
     from .ranking import draw_ranking, ranking_text
 
@@ -65,7 +74,9 @@ def write_files(
     written = [options.out / 'selection.json', options.out / 'selection.png']
     written[0].write_text(json.dumps(fields_of(selection, topics), indent=1) + '\n')
     draw_ranking(selection).savefig(written[1], dpi=150)
-    if options.episodes_file:
+    # A selector may have made it since the command began, and hold episodes of its own there.
+    is_taken = options.episodes_file is not None and os.path.lexists(options.episodes_file)
+    if options.episodes_file and not is_taken:
         # A selector restored with a selection without channels would publish nothing.
         kept = selection if selection.indices else None
         saved = episode_file.Saved(
@@ -94,6 +105,8 @@ def write_files(
         written.append(page)
     print(f'written: {", ".join(map(str, written))}')
     print('\n'.join(['', *advice_lines(advice)]))
+    if is_taken:
+        raise CommandError(f'{options.episodes_file} exists by now, and is not replaced')
 
 
 def _topics(facts: list[RecordedEpisodes], robot: RobotFile | None) -> SensorTopics | None:

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
+import io
 import itertools
 import json
 import os
@@ -100,6 +101,26 @@ def test_the_episodes_file_can_be_taken_up_where_nothing_was_selected(tmp_path):
     assert json.loads((tmp_path / 'selection.json').read_text())['names'] == []
     found = read_episodes(saved, max_episodes=100, max_bytes=10**9)
     assert (len(found.episodes), found.selection) == (10, None)
+
+
+def test_an_episodes_file_that_another_program_makes_meanwhile_is_not_replaced(
+    tmp_path, robot, capsys, monkeypatch
+):
+    write_bag(tmp_path / 'bag', 90)
+    saved = tmp_path / 'episodes'
+
+    class Output(io.StringIO):
+        def write(self, text):
+            if text.startswith('selected: '):
+                saved.write_text('of a selector')
+            return super().write(text)
+
+    monkeypatch.setattr('sys.stdout', Output())
+    options = ['--robot', robot, '--out', str(tmp_path), '--episodes-file', str(saved)]
+    assert main([str(tmp_path / 'bag'), *options]) == 1
+    assert f'{saved} exists by now, and is not replaced' in capsys.readouterr().err
+    assert saved.read_text() == 'of a selector'
+    assert (tmp_path / 'selection.json').exists()
 
 
 def test_a_reward_that_is_always_the_same_is_told(tmp_path, capsys):
