@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy import special
 
-#: A p-value counts as no more beside others: one that is all but 1 would outweigh all of them.
+#: Greater p-values count as this one when several are combined: one near 1 would outweigh all.
 _GREATEST = 0.95
 
 
@@ -19,7 +19,7 @@ def sign_flip_pvalue(statistic: float, products: np.ndarray) -> float:
     By chance it is the squared length of a sum of the products with random signs (the wild cluster
     bootstrap: Cameron, Gelbach & Miller, Bootstrap-based improvements for inference with clustered
     errors, 2008). Its first three moments have a closed form; a Pearson III law with these gives
-    the tail. A statistic that no sign can change has p-value 1.
+    the tail. If no sign can change the statistic, the p-value is 1.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ def resampled_pvalue(statistic: float, drawn: np.ndarray) -> float:
     """Return the p-value of a statistic that was drawn by chance n times, shape (n,).
 
     A Pearson III law with the moments of those drawn gives the tail (Winkler et al., Faster
-    permutation inference in brain imaging, 2016). A statistic that chance leaves as it is has 1.
+    permutation inference in brain imaging, 2016). If chance cannot change it, the p-value is 1.
     """
     mean, spread = drawn.mean(), drawn.std()
     if spread <= 1e-12 * mean:

@@ -16,12 +16,12 @@ the return, z what is given (the sensors selected, the action and the step) and 
    (Frisch-Waugh-Lovell). The step is all that an irrelevant sensor and the return have in common,
    so slow cosines of it are in every regression.
 4. The products :math:`s_i = \sum_t f_{it} \delta_{it} / \sqrt{T_i}` of each episode i are added up.
-   If y does not depend on x given z, each :math:`s_i` may as well have the opposite sign, whatever
-   the steps of an episode have to do with each other (the wild cluster bootstrap). Where
-   neighbouring episodes resemble each other, as windows of one drive do, as many as count as one
-   have one sign.
-5. What seems dependent is tested once more, with the residuals of other episodes: cyclic shifts of
-   the episodes in their order, which keep the memory of both sides. This counts on episodes alike.
+   If y does not depend on x given z, the sign of each :math:`s_i` is random, however the steps
+   within an episode depend on each other (the wild cluster bootstrap). Neighbouring episodes that
+   resemble each other, such as windows of one drive, form a block and share one sign.
+5. If the signs show a dependence, it is tested once more with the residuals of other episodes:
+   cyclic shifts of the episodes, which keep the autocorrelation of both sides. This alone would
+   not do, because it assumes that all episodes are alike.
 
 The greater p-value of 4 and 5 counts. Returns enter as they are and as normal scores; the p-values
 of all these are combined by a Cauchy combination.
@@ -41,8 +41,8 @@ from .products import PARTS, Products
 from .samples import Samples, normal_scores, standardized
 from .threads import in_threads
 
-#: Gaussians that explain the target by what is given: one for two episodes, within limits. With
-#: more episodes smaller errors of a stiff regression look like dependence.
+#: Number of Gaussians in the regressions on what is given: half the number of episodes, within
+#: these limits. The more episodes there are, the smaller a misfit that passes for dependence.
 _NUM_CENTERS = 50, 100
 #: Cosines of the step by which the drift over the episodes may differ: of a return, which has fewer
 #: rewards to come at late steps.
@@ -51,7 +51,7 @@ _BY_STEP = 3
 _NUM_FUNCTIONS = 60
 #: Regressors are kept for a second question as long as they have no more rows in all.
 _KEPT_ROWS = 20_000
-#: A candidate of more channels is reduced to as many principal components.
+#: A candidate with more channels is reduced to this many principal components.
 _MAX_COMPONENTS = 12
 #: Share of its variance that a channel must have for itself.
 _LEAST_OWN_SHARE = 1e-3

@@ -23,12 +23,11 @@ _WIDTHS = (0.3, 0.6, 1.2, 2.4, 5.0)
 _RANKS = np.array([0, 1, 2, 3, 4, 6, 8, 11, 16, 23, 32, 45, 64, 90, 128, 181])
 #: Directions of less variance, as a share of the greatest, are rounding errors.
 _LEAST_VARIANCE = 1e-7
-#: What a single episode decides has no fit to the others; this keeps their equations solvable.
+#: A direction that only one episode spans cannot be fitted without it; this keeps the equations
+#: solvable.
 _LEAST_LEFT = 1e-6
 #: Episodes whose equations are solved together.
 _MAX_TOGETHER = 256
-
-
 #: Share of a column's length below which what another basis leaves of it is a rounding error.
 _LEAST_NEW = 1e-6
 

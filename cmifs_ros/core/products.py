@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
-"""Products of what is left of the target and of functions of a sensor, and their p-values."""
+"""Products of residuals of the target with functions of a sensor, and their p-values."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from .chance import (
 from .cyclic_shifts import CyclicShifts
 from .kernel_regression import corrected_residual
 
-#: Functions are whitened but for the weakest, which few episodes have to do with: those of less
-#: variance than this share of the greatest count less.
+#: Whitening gives all directions of the functions the same weight, but for the weakest, which rest
+#: on few episodes: those with less than this share of the greatest variance count less.
 _LEAST_VARIANCE = 1e-2
 #: The parts of the test.
 PARTS = SIGNS, SHIFTS = ('signs', 'shifts')
