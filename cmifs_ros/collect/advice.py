@@ -21,6 +21,7 @@ from cmifs_ros.core.words import counted, first, listed, short
 from .selection_report import (
     FEW_EPISODES,
     LINE_WIDTH,
+    PREDICTED,
     WIDE_INTERVAL,
     interval,
     share,
@@ -36,6 +37,8 @@ _ALPHA = 0.05
 _MAX_EXCESS = 100
 #: Above this share of undecided sensors, another target is recommended.
 _FEW = 0.25
+#: If all sensors predict less than this many times the margin, the margin is no small part of it.
+_LITTLE = 3.0
 _SCOPES = {
     RETURN: 'This is about the return under the recorded controller. A controller that is to be '
     'learned or changed may need other sensors: target decision.',
@@ -70,8 +73,8 @@ class Item:
 class Advice:
     """What to keep, what can go, and what is undecided; all empty if nothing was tested.
 
-    `scope` is a sentence: which question the advice answers. `hints` are sentences that say how to
-    decide what is undecided.
+    `scope` is a sentence: which question the advice answers. `hints` are sentences that say what
+    limits it, and how to decide what is undecided.
     """
 
     scope: str = ''
@@ -144,14 +147,23 @@ def _hints(selection: Selection) -> tuple[str, ...]:
             f'{episodes} are too few to call a sensor dispensable; expected at least '
             f'{FEWEST_EPISODES}, better 50.',
         )
+    hints = []
+    of_all, margin = selection.predicted_share_of_all, selection.margin
+    can_go = any(sensor.status == DISPENSABLE for sensor in selection.sensors)
+    if can_go and margin and of_all is not None and of_all < _LITTLE * margin:
+        hints.append(
+            f'All sensors together predict only {max(of_all, 0.0):.0%} of the '
+            f'{PREDICTED[selection.target]}, so a sensor that adds less than {margin:.1%} may '
+            'still matter. A smaller margin (margin, --margin) shows it, with more episodes.'
+        )
     undecided = [sensor for sensor in selection.sensors if sensor.status == UNDECIDED]
     if selection.target == RETURN and len(undecided) > max(1, _FEW * len(selection.sensors)):
-        return (
+        hints.append(
             f'{len(undecided)} of {counted(len(selection.sensors), "sensor")} are undecided. Try '
             'target: decision, in the robot file or as --target decision. It looks one step ahead, '
-            'which often needs fewer episodes; it needs the actions, if there are any.',
+            'which often needs fewer episodes; it needs the actions, if there are any.'
         )
-    return ()
+    return tuple(hints)
 
 
 def _added(

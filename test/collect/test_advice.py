@@ -145,6 +145,18 @@ def test_from_few_episodes_nothing_can_go_and_it_is_said_what_is_missing(episode
     assert 'at least 20' not in ' '.join(enough)
 
 
+@pytest.mark.parametrize(
+    ('of_all', 'is_told'), [(0.05, True), (-0.1, True), (0.07, False), (None, False)]
+)
+def test_it_is_told_if_the_margin_is_a_good_part_of_all_that_is_predicted(of_all, is_told):
+    def text(*sensors):
+        found = selection(*sensors, margin=0.02, predicted_share_of_all=of_all)
+        return ' '.join(advice_lines(advice_of(found)))
+
+    assert ('less than 2.0% may still matter' in text(X, NOISE)) == is_told
+    assert 'may still matter' not in text(X, SCAN)
+
+
 def test_what_is_undecided_is_said_by_its_interval():
     lines = advice_lines(
         advice_of(selection(BATTERY, replace(SCAN, status='undecided', is_selected=False)))
