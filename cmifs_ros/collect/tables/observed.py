@@ -13,8 +13,9 @@ from .table import NANOSECONDS, SECONDS, Table
 _ROOT = 'table'
 #: Columns with the time of a row, at the root.
 _TIMES = (SECONDS, NANOSECONDS, 'header')
-#: Fields that form a quaternion, and its ROS type.
-_QUATERNION = ({'w', 'x', 'y', 'z'}, 'geometry_msgs/msg/Quaternion')
+#: A table has no types of messages; these are known by their fields.
+_QUATERNION = {'w', 'x', 'y', 'z'}
+_SCAN = {'ranges', 'angle_min', 'angle_increment'}
 #: Rows searched for the first value of a column.
 _MAX_EMPTY = 10_000
 
@@ -34,7 +35,8 @@ def observed(topic: str, table: Table, seconds: float) -> ObservedTopic:
             if kind != _ROOT or name not in _TIMES
         ]
 
-    heard = ObservedTopic(topic, _ROOT, fields_of, count, seconds)
+    kind = _what(_ROOT, table.columns_in(''), count)
+    heard = ObservedTopic(topic, kind, fields_of, count, seconds)
     heard.has_entries = True  # Any cell may be empty.
     rows = np.random.default_rng(0).permutation(count)[:MAX_LOOKS]
     heard.num_unseen = count - len(rows)
@@ -46,8 +48,9 @@ def observed(topic: str, table: Table, seconds: float) -> ObservedTopic:
 def _what(kind: str, found, count: int) -> str:
     """Return what a column is, or several below a name; see `TypeField`."""
     if isinstance(found, dict):
-        parts, name = _QUATERNION
-        return name if found.keys() == parts else kind
+        if found.keys() == _QUATERNION:
+            return 'geometry_msgs/msg/Quaternion'
+        return 'sensor_msgs/msg/LaserScan' if found.keys() >= _SCAN else kind
     values = (found[row] for row in range(min(count, _MAX_EMPTY)))
     value = next((value for value in values if value is not None), None)
     if isinstance(value, str):
