@@ -41,7 +41,7 @@ class SelectorOutput:
     in_use : SelectionInUse or None
     relay : StateRelay
     topics : HeardTopics
-    rivals : str
+    conflict : str
         Says that several nodes publish selections; empty if none does but this one.
 
     """
@@ -56,7 +56,7 @@ class SelectorOutput:
         self.relay = StateRelay(node, settings)
         self.topics = HeardTopics(node)
         self.in_use: SelectionInUse | None = None
-        self.rivals = ''
+        self.conflict = ''
         self._alone_at = time.monotonic()  # When no other node had this name.
         self._is_of_topics = False  # Whether the published advice is about topics.
         self._last_number = 0
@@ -113,7 +113,7 @@ class SelectorOutput:
             Message of the last attempt to select, if it failed.
 
         """
-        self._look_for_rivals()
+        self._look_for_others()
         if self.in_use is None:
             return
         doubt = self.in_use.doubt(problem)
@@ -143,7 +143,7 @@ class SelectorOutput:
             conversions.named_values_to_msg(header, selection.ranking, selection.scores)
         )
 
-    def _look_for_rivals(self) -> None:
+    def _look_for_others(self) -> None:
         topic, own = self._selection_publisher.topic_name, self._node.get_fully_qualified_name()
         publishers = [
             name for name in nodes_publishing(self._node, topic) if UNKNOWN_NODE not in name
@@ -151,11 +151,11 @@ class SelectorOutput:
         if publishers.count(own) < 2:
             self._alone_at = time.monotonic()
         has_twin = time.monotonic() > self._alone_at + _LEASE
-        before, self.rivals = self.rivals, ''
+        before, self.conflict = self.conflict, ''
         if has_twin or any(name != own for name in publishers):
-            self.rivals = f'{listed(publishers)} all publish {topic}: end all but one'
+            self.conflict = f'{listed(publishers)} all publish {topic}: end all but one'
             if not before:
-                self._node.get_logger().warning(self.rivals)
+                self._node.get_logger().warning(self.conflict)
 
     def _publish_selection(self) -> None:
         self._is_of_topics = self.topics.of(self.in_use.selection) is not None

@@ -77,9 +77,9 @@ def selection(
             message = f'{headline(in_use.selection)}; since then: {message}'
         else:
             message = headline(in_use.selection)
-    if output.rivals:
+    if output.conflict:
         level = max(level, diagnostics.WARN)
-        message = f'{output.rivals}; {message}'
+        message = f'{output.conflict}; {message}'
     return diagnostics.status(name, level, message, values)
 
 

@@ -115,14 +115,14 @@ def test_publishers_come_and_go(selector, robot, make_robot):
 
 
 def test_two_selectors_on_one_graph_are_told(selector, robot, start):
-    rival = start('selector_node', '-r', '__node:=rival')
-    said = '/rival, /selector all publish /selection: end all but one'
-    for name in 'selector', 'rival':
+    other = start('selector_node', '-r', '__node:=other')
+    said = '/other, /selector all publish /selection: end all but one'
+    for name in 'selector', 'other':
         key = f'{name}: selection'
         robot.until(lambda key=key: robot.diagnostics.get(key, (OK, ''))[1].startswith(said))
         assert robot.diagnostics[key][0] == WARN
     assert said in selector.output
-    assert rival.end() == 0
+    assert other.end() == 0
     robot.until(lambda: robot.diagnostics[SELECTION][0] == OK)
 
 
